@@ -1,0 +1,1 @@
+//! Tiles, threads, run-time SIMD dispatch and frame assembly for CPU methods.

@@ -1,0 +1,1 @@
+//! Continuous functions: analytic fields and grid reconstructions.

@@ -1,0 +1,1 @@
+//! The wgpu context: adapter choice and report, timestamps, uploads, shader imports.

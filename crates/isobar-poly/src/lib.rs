@@ -1,0 +1,1 @@
+//! Univariate polynomials on a ray: forms, conversions, robust root finders, scalar and SIMD.

@@ -1,0 +1,1 @@
+//! Definitions, measurements and the generated report.

@@ -1,0 +1,1 @@
+//! The program isobar and the one list of methods.
