@@ -1,0 +1,3 @@
+//! `march/gpu`.
+/// Placeholder while the module is written.
+pub static MARCH_GPU: () = ();
