@@ -1,1 +1,109 @@
 //! The only crate that opens a data file.
+//!
+//! [`load`] reads a volume (NRRD, NIfTI-1, VTI, legacy VTK structured points, raw with a telling name), [`load_mesh`] a triangle mesh (OFF, PLY);
+//! [`write_nrrd`] writes a volume. The format is found by content, by name only for raw volumes. The table of formats with their limits is in
+//! the crate's README.
+//!
+//! **Guarantees.** A declared size is checked against the file before memory is taken for it. Samples go straight into their final shared
+//! buffer: peak memory is the samples and less than 1 MiB (VTI and legacy VTK too; a PLY mesh takes several times itself). Nothing here panics,
+//! whatever the bytes; an unusable file is an [`IoError`] of one line, `FILE: reason; remedy`.
+//!
+//! **Architecture invariants.** No other crate parses a data format. Nothing here prints, and nothing here reads the network.
+
+mod base64_stream;
+mod error;
+mod field;
+#[doc(hidden)]
+pub mod fuzz;
+mod input;
+mod mesh;
+mod nifti1;
+mod nrrd;
+mod nrrd_write;
+mod off;
+mod ply;
+mod raw;
+mod sample;
+mod sniff;
+mod volume;
+mod vti;
+mod vti_data;
+mod vtk;
+
+pub use error::{Cause, IoError};
+pub use mesh::TriangleMesh;
+
+use input::{BytesInput, FileInput};
+use isobar_core::{Data, Grid};
+use std::path::Path;
+
+/// What of a file is read, and how.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Options {
+    /// Name of the field; without it the first scalar of the points (else of the cells, else the first field of any kind).
+    pub field: Option<String>,
+    /// What NaN and infinite samples are read as; without it they are kept, and [`Grid::require_finite`] tells.
+    pub nan: Option<f64>,
+}
+
+/// A volume read from a file.
+#[derive(Debug, Clone)]
+pub struct Loaded {
+    /// A grid, world coordinates and lengths as in the file.
+    pub data: Data,
+    /// Name of the field read; `value` where the format has no names.
+    pub field: String,
+    /// All names `Options::field` may have.
+    pub fields: Vec<String>,
+    /// Warnings, a line each: values changed by rounding, surplus data ignored, NaN replaced.
+    pub notes: Vec<String>,
+}
+
+/// Reads a volume from a file.
+///
+/// # Errors
+/// [`IoError`] naming the file, what is wrong with it, and what to do.
+pub fn load(path: &Path, o: &Options) -> Result<Loaded, IoError> {
+    FileInput::new(path)
+        .and_then(|input| sniff::read(&input, o))
+        .map_err(|cause| IoError::new(path, cause))
+}
+
+/// Reads a volume from the bytes of a file called `name`. A detached header finds no data file.
+///
+/// # Errors
+/// As [`load`], with `name` as the file.
+pub fn load_bytes(name: &str, bytes: &[u8], o: &Options) -> Result<Loaded, IoError> {
+    BytesInput::new(name, bytes)
+        .and_then(|input| sniff::read(&input, o))
+        .map_err(|cause| IoError::new(Path::new(name), cause))
+}
+
+/// Reads a triangle mesh from a file.
+///
+/// # Errors
+/// [`IoError`] naming the file, what is wrong with it, and what to do.
+pub fn load_mesh(path: &Path) -> Result<TriangleMesh, IoError> {
+    FileInput::new(path)
+        .and_then(|input| mesh::read(&input))
+        .map_err(|cause| IoError::new(path, cause))
+}
+
+/// Reads a triangle mesh from the bytes of a file called `name`.
+///
+/// # Errors
+/// As [`load_mesh`], with `name` as the file.
+pub fn load_mesh_bytes(name: &str, bytes: &[u8]) -> Result<TriangleMesh, IoError> {
+    BytesInput::new(name, bytes)
+        .and_then(|input| mesh::read(&input))
+        .map_err(|cause| IoError::new(Path::new(name), cause))
+}
+
+/// Writes a grid as NRRD0004: attached header, `space directions` and `space origin`, gzip, little-endian. Read back it is the same grid: bit
+/// for bit where each axis lies along a world axis, else within rounding of direction and spacing. The file appears under its name whole or not at all.
+///
+/// # Errors
+/// [`IoError`] where the folder does not exist or cannot be written, or the disk is full.
+pub fn write_nrrd(path: &Path, grid: &Grid) -> Result<(), IoError> {
+    nrrd_write::write(path, grid).map_err(|cause| IoError::new(path, cause))
+}

@@ -1,0 +1,58 @@
+//! The functions the fuzz targets call, one per format; the test `corpus` runs them on stable Rust. None may panic, whatever the bytes.
+
+use crate::input::{BytesInput, Input, Packing};
+use crate::{Cause, Loaded, Options, mesh, nifti1, nrrd, vti, vtk};
+
+/// The default field, then the last of the fields there are, with NaN replaced.
+fn fields(bytes: &[u8], read: impl Fn(&dyn Input, &Options) -> Result<Loaded, Cause>) {
+    let Ok(input) = BytesInput::new("fuzz", bytes) else { return };
+    match read(&input, &Options::default()) {
+        Ok(first) => {
+            let o = Options {
+                field: first.fields.last().cloned(),
+                nan: Some(0.0),
+            };
+            let _ = read(&input, &o);
+        }
+        Err(e) => assert!(!e.to_string().contains('\n'), "an error of more than one line: {e}"),
+    }
+}
+
+/// NRRD.
+pub fn nrrd(bytes: &[u8]) {
+    fields(bytes, nrrd::read);
+}
+
+/// NIfTI-1, as it is and as gzip.
+pub fn nifti(bytes: &[u8]) {
+    fields(bytes, |i, o| nifti1::read(i, Packing::None, o));
+    fields(bytes, |i, o| nifti1::read(i, Packing::Gzip, o));
+}
+
+/// VTI.
+pub fn vti(bytes: &[u8]) {
+    fields(bytes, vti::read);
+}
+
+/// Legacy VTK.
+pub fn vtk(bytes: &[u8]) {
+    fields(bytes, vtk::read);
+}
+
+/// OFF.
+pub fn off(bytes: &[u8]) {
+    meshes(bytes, crate::off::read);
+}
+
+/// PLY.
+pub fn ply(bytes: &[u8]) {
+    meshes(bytes, crate::ply::read);
+}
+
+fn meshes(bytes: &[u8], read: impl Fn(&dyn Input) -> Result<mesh::TriangleMesh, Cause>) {
+    let Ok(input) = BytesInput::new("fuzz", bytes) else { return };
+    match read(&input) {
+        Ok(m) => assert!(m.triangles.iter().flatten().all(|&i| (i as usize) < m.points.len())),
+        Err(e) => assert!(!e.to_string().contains('\n'), "an error of more than one line: {e}"),
+    }
+}

@@ -1,0 +1,11 @@
+//! All integration tests of isobar-io in one binary.
+
+mod build;
+mod corpus;
+mod data;
+mod files;
+mod hostile;
+mod meshes;
+mod nifti1;
+mod nrrd;
+mod vtk;
