@@ -1,0 +1,14 @@
+//! Stage 3: integers without limit. Nothing here rounds, except where a root is handed back as two f64 that enclose it.
+
+mod algebra;
+mod cell;
+mod number;
+mod ray;
+mod scaled;
+
+pub(crate) use cell::{algebraic_piece, lattice_piece};
+#[cfg(test)]
+pub(crate) use number::Dyadic;
+pub(crate) use number::Ratio;
+pub(crate) use ray::{ExactRay, Span};
+pub(crate) use scaled::{Piece, Roots};

@@ -1,0 +1,194 @@
+//! The oracle of one function and one isovalue.
+
+use crate::{AllRoots, Answer, Decided, Root, analytic, exact::ExactRay, lattice, map::LocalMap, polynomial, skip::Skip};
+use isobar_core::{Function, Ray, Structure};
+use std::sync::Arc;
+
+/// Certified roots of s = c along rays. Immutable and shared freely between threads.
+#[derive(Clone, Debug)]
+pub struct Oracle {
+    function: Arc<dyn Function>,
+    isovalue: f64,
+    shared: Arc<Shared>,
+    least: Decided,
+}
+
+/// What does not depend on the isovalue.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    /// `None`: the domain's numbers are outside the range of stages 1 and 2.
+    pub(crate) local: Option<LocalMap>,
+    /// `None` unless the function is a lattice.
+    pub(crate) skip: Option<Skip>,
+    /// Whether cells are centred on samples.
+    pub(crate) centred: bool,
+}
+
+/// What a search is after.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Goal {
+    /// Roots beyond this t are not asked for.
+    pub(crate) until: f64,
+    /// Only the first root.
+    pub(crate) first_only: bool,
+    /// Whether near-extrema are to be noted.
+    pub(crate) watch: bool,
+    /// Earliest stage to use: for tests.
+    pub(crate) least: Decided,
+}
+
+/// What a search found.
+#[derive(Clone, Debug)]
+pub(crate) struct Search {
+    pub(crate) roots: Vec<Root>,
+    pub(crate) unresolved: Vec<(f64, f64)>,
+    pub(crate) decided: Decided,
+    /// t of the first near-extremum not after the first root.
+    pub(crate) near: Option<f64>,
+}
+
+impl Search {
+    pub(crate) fn new(least: Decided) -> Self {
+        Self {
+            roots: Vec::new(),
+            unresolved: Vec::new(),
+            decided: least,
+            near: None,
+        }
+    }
+
+    /// The first event as an answer.
+    pub(crate) fn answer(&self) -> Answer {
+        match (self.roots.first(), self.unresolved.first()) {
+            (Some(r), u) if u.is_none_or(|u| r.hi <= u.0) => Answer::Hit(*r),
+            (_, Some(&(lo, hi))) => Answer::Unresolved { lo, hi },
+            _ => Answer::Miss { decided: self.decided },
+        }
+    }
+
+    /// Whether the ray is undecidable up to `t`: see [`Oracle::undecidable`].
+    pub(crate) fn undecidable_until(&self, t: f64) -> bool {
+        use crate::Multiplicity::{Even, Interval};
+        self.near.is_some_and(|n| n <= t)
+            || self.unresolved.first().is_some_and(|u| u.0 <= t)
+            || self
+                .roots
+                .first()
+                .is_some_and(|r| r.lo <= t && matches!(r.multiplicity, Even(_) | Interval))
+    }
+}
+
+impl Oracle {
+    /// An oracle for the surface `function = isovalue`. For a lattice it builds min/max blocks of 8^3 and 64^3 cells, in parallel: time
+    /// linear in the samples, memory 1/30 byte per sample.
+    #[must_use]
+    pub fn new(function: Arc<dyn Function>, isovalue: f64) -> Self {
+        let structure = function.structure();
+        let centred = matches!(structure, Structure::Lattice(l) if l.basis().centred);
+        let skip = match structure {
+            Structure::Lattice(l) => Some(Skip::new(l)),
+            _ => None,
+        };
+        let shared = Shared {
+            local: LocalMap::new(function.domain(), centred),
+            skip,
+            centred,
+        };
+        Self {
+            function,
+            isovalue,
+            shared: Arc::new(shared),
+            least: Decided::F64,
+        }
+    }
+
+    /// The same function with another isovalue; shares the min/max blocks.
+    #[must_use]
+    pub fn with_isovalue(&self, isovalue: f64) -> Self {
+        Self {
+            isovalue,
+            ..self.clone()
+        }
+    }
+
+    /// Skips the stages before `least`: to test the stages against each other.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn with_stage(&self, least: Decided) -> Self {
+        Self { least, ..self.clone() }
+    }
+
+    /// The function.
+    #[must_use]
+    pub fn function(&self) -> &Arc<dyn Function> {
+        &self.function
+    }
+
+    /// The isovalue.
+    #[must_use]
+    pub fn isovalue(&self) -> f64 {
+        self.isovalue
+    }
+
+    /// The first root with t >= 0 in the closed domain.
+    #[must_use]
+    pub fn first(&self, ray: &Ray) -> Answer {
+        self.search(ray, f64::INFINITY, true, false).answer()
+    }
+
+    /// All distinct roots with t >= 0 in the closed domain, front to back.
+    #[must_use]
+    pub fn all(&self, ray: &Ray) -> AllRoots {
+        self.until(ray, f64::INFINITY)
+    }
+
+    /// All distinct roots with `lo <= t` (see [`Root::lo`]), front to back; what lies beyond is neither looked for nor reported.
+    #[must_use]
+    pub fn until(&self, ray: &Ray, t: f64) -> AllRoots {
+        let mut s = self.search(ray, t, false, false);
+        s.roots.retain(|r| r.lo <= t);
+        s.unresolved.retain(|u| u.0 <= t);
+        AllRoots {
+            roots: s.roots,
+            unresolved: s.unresolved,
+            decided: s.decided,
+        }
+    }
+
+    /// Whether f32-sized errors in the coefficients could change the first hit: s - c has an extremum (or an end of the stay in the
+    /// domain) before or at the first root with `|s - c| <= 8 * 2^-24 * M`, M the greatest `|coefficient - c|` of the piece; or the
+    /// first root is a tangent or a stretch; or the answer is unresolved.
+    ///
+    /// Pieces: cells of a lattice; for a polynomial the parts its stay is cut into (Bernstein coefficients along the ray); for an
+    /// analytic field intervals of at most 1/64 of the stay (M is the magnitude of the enclosure).
+    #[must_use]
+    pub fn undecidable(&self, ray: &Ray) -> bool {
+        self.search(ray, f64::INFINITY, true, true).undecidable_until(f64::INFINITY)
+    }
+
+    /// The whole search; near-extrema are noted with `watch` only.
+    pub(crate) fn search(&self, ray: &Ray, until: f64, first_only: bool, watch: bool) -> Search {
+        let goal = Goal {
+            until,
+            first_only,
+            watch,
+            least: self.least,
+        };
+        if !(self.isovalue.is_finite() && ExactRay::usable(ray, self.function.domain())) {
+            let mut s = Search::new(Decided::Exact);
+            s.unresolved.push((f64::NEG_INFINITY, f64::INFINITY));
+            return s;
+        }
+        match self.function.structure() {
+            Structure::Lattice(l) => lattice::search(l, &*self.function, &self.shared, self.isovalue, ray, goal),
+            Structure::Polynomial(p) => polynomial::search(p, &*self.function, &self.shared, self.isovalue, ray, goal),
+            Structure::Analytic(a) => analytic::search(a, &self.shared, self.isovalue, ray, goal),
+            // A form this oracle does not know: it decides nothing.
+            _ => {
+                let mut s = Search::new(Decided::Exact);
+                s.unresolved.push((f64::NEG_INFINITY, f64::INFINITY));
+                s
+            }
+        }
+    }
+}
