@@ -1,0 +1,31 @@
+//! Steinberger 2010: octree ray casting of splines on regular grids.
+//!
+//! M. Steinberger, *Isosurface rendering with spline wavelets and octrees* (thesis, Graz 2010). So far this crate holds the trilinear caster
+//! `octree/cpu`: every root of the trilinear interpolant along a ray, with proofs where f64 arithmetic gives them. What of the thesis
+//! is not here yet is listed in the README.
+//!
+//! ```
+//! use isobar_core::{Data, Frame, Grid, Method, Request, Samples, Stop, Surface, View};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let samples: Vec<f32> = (0..4 * 4 * 4).map(|i| (i % 4) as f32).collect();
+//! let data = std::sync::Arc::new(Data::Grid(Grid::unit([4, 4, 4], Samples::F32(samples.into()))?));
+//! let mut renderer = isobar_octree::OCTREE_CPU.open(&Request::default())?;
+//! renderer.set_data(&data)?;
+//! renderer.set_surfaces(&[Surface::isovalue(1.5, 0)])?;
+//! renderer.set_view(&View::fit(data.bounds(), 40.0, 64, 48))?;
+//! renderer.render(&Stop::default())?;
+//! let mut frame = Frame::default();
+//! renderer.read(&mut frame)?;
+//! assert!(frame.t.iter().any(|t| t.is_finite()));
+//! # Ok(())
+//! # }
+//! ```
+
+mod bricks;
+mod cpu;
+mod cubic;
+#[cfg(test)]
+mod tests;
+mod walk;
+
+pub use cpu::{OCTREE_CPU, OctreeCpu};

@@ -1,0 +1,569 @@
+//! A ray through nodes, bricks and cells, and the cubic it meets in each active cell.
+//!
+//! Steinberger 2010, sections 3.2 and 3.3. Different here: instead of the parametric octree traversal of Revelles et al. a digital
+//! differential analyser on three sizes (nodes of 16^3, bricks of 4^3, cells) that computes the parameter of *the same plane by the same
+//! expression* at every size, so that no ray slips between two of them; the composition is the multi-affine one below; all in f64.
+//!
+//! **Composition.** The trilinear interpolant restricted to the sub-box between the entry a and the exit b of the ray is again trilinear, with corner
+//! values V_ijk = s(x_i, y_j, z_k), where each coordinate is that of a or b. Along the diagonal from a to b its Bernstein coefficients are V_000,
+//! (V_100 + V_010 + V_001)/3, (V_011 + V_101 + V_110)/3, V_111: 14 interpolations, and all coefficients are convex combinations of the
+//! samples. The coordinate of the plane the ray enters or leaves by is exactly 0 or 1, so that two cells give a shared face the same sign.
+//!
+//! **Bound on the error of a coefficient.** u = 2^-53, per ray. The position o + t d in index space is off, per axis, by at most
+//! E = 16u (|eye| + |origin of the grid| + |t d|)/spacing + 4u n (subtraction, division, product, sum: four roundings of terms of that size; the rounding of t in a
+//! plane's parameter, seen along its axis, is of the same size; 16 leaves a factor of two). s changes by at most 2M per unit of each axis, M the
+//! greatest |sample - c| of the volume, so position errors move a coefficient by at most 6EM. Subtracting c costs uM; three interpolations
+//! 3 * 3uM; the sum of three and the product with 1/3 at most 4uM: together under 16uM. Evaluation by de Casteljau's rule adds 6uM. The bound is
+//! **(6E + 64u) M**; it is used for all coefficients of the ray, and the test whether a cell or brick can meet c is widened by it. Then:
+//! a stretch of the ray that lies within E of a face and was attributed to the wrong one of two cells is covered too, because both interpolants agree on the face and leave it by at most 2ME.
+
+use crate::bricks::{Active, SIDE, Sample, bit};
+use crate::cubic::{self, CubicRoot};
+use glam::DVec3;
+use isobar_core::{Domain, Ray};
+
+/// One value per axis. `array::map` is not inlined into functions compiled for more instructions than the crate, at twice the cost of a frame.
+#[inline(always)]
+fn three<R>(f: impl Fn(usize) -> R) -> [R; 3] {
+    [f(0), f(1), f(2)]
+}
+
+/// Unit roundoff of f64.
+const U: f64 = 0.5 * f64::EPSILON;
+
+/// An isovalue with what is needed to be sure about it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Bounds {
+    pub(crate) isovalue: f64,
+    /// Greatest |sample - isovalue|.
+    pub(crate) size: f64,
+    lo: f64,
+    hi: f64,
+}
+
+impl Bounds {
+    /// `margin`: the greatest relative bound (6E + 64u) of any ray to come; `range` that of all samples.
+    pub(crate) fn new(isovalue: f64, margin: f64, range: (f64, f64)) -> Self {
+        let size = (range.1 - isovalue).abs().max((range.0 - isovalue).abs());
+        let m = margin * size;
+        Self {
+            isovalue,
+            size,
+            lo: isovalue - m,
+            hi: isovalue + m,
+        }
+    }
+
+    /// Whether values between `lo` and `hi` can reach the isovalue, up to the margin.
+    #[inline(always)]
+    pub(crate) fn meets(&self, lo: f64, hi: f64) -> bool {
+        lo <= self.hi && hi >= self.lo
+    }
+}
+
+/// Index space of a grid.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Space {
+    domain: Domain,
+    /// Per axis: index units per world unit, an upper bound.
+    scale: f64,
+    aligned: bool,
+    /// World displacement to index space: the reciprocal spacings, or the inverse of the axes.
+    to_index: [DVec3; 3],
+    /// World bounds.
+    world: (DVec3, DVec3),
+}
+
+impl Space {
+    pub(crate) fn new(domain: Domain) -> Self {
+        let a = domain.axes;
+        let aligned = domain.is_axis_aligned();
+        let to_index = if aligned {
+            [DVec3::X / a.x_axis.x, DVec3::Y / a.y_axis.y, DVec3::Z / a.z_axis.z]
+        } else {
+            let m = a.inverse();
+            [m.x_axis, m.y_axis, m.z_axis]
+        };
+        Self {
+            domain,
+            scale: if aligned {
+                to_index[0].x.abs().max(to_index[1].y.abs()).max(to_index[2].z.abs())
+            } else {
+                to_index.iter().map(|c| c.length()).sum()
+            },
+            aligned,
+            to_index,
+            world: domain.world_bounds(),
+        }
+    }
+
+    #[inline(always)]
+    fn index_vector(&self, v: DVec3) -> DVec3 {
+        let [x, y, z] = self.to_index;
+        if self.aligned {
+            v * DVec3::new(x.x, y.y, z.z)
+        } else {
+            x * v.x + y * v.y + z * v.z
+        }
+    }
+
+    /// The margin (6E + 64u) of a ray from `origin`, as far as it can be inside the domain.
+    #[inline(always)]
+    pub(crate) fn margin(&self, origin: DVec3) -> f64 {
+        let (lo, hi) = self.world;
+        let far = (origin - lo).abs().max((origin - hi).abs()).length();
+        let n = self.domain.hi.max_element() + 1.0;
+        let world = origin.abs().max_element() + self.domain.origin.abs().max_element() + 2.0 * far;
+        // The inverse of a general matrix loses some more digits.
+        let factor = if self.aligned { 16.0 } else { 128.0 };
+        6.0 * (factor * U * world * self.scale + 4.0 * U * n) + 64.0 * U
+    }
+
+    /// World gradient from that in index space.
+    #[inline(always)]
+    pub(crate) fn world_gradient(&self, g: DVec3) -> DVec3 {
+        let [x, y, z] = self.to_index;
+        if self.aligned {
+            g * DVec3::new(x.x, y.y, z.z)
+        } else {
+            DVec3::new(x.dot(g), y.dot(g), z.dot(g))
+        }
+    }
+}
+
+/// A ray in index space.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Walk {
+    o: [f64; 3],
+    d: [f64; 3],
+    inv: [f64; 3],
+    /// Parameter of plane x: `x * inv + shift`; +inf where the ray is parallel to it.
+    shift: [f64; 3],
+    up: [i32; 3],
+    step: [i32; 3],
+    t0: f64,
+    t1: f64,
+}
+
+impl Walk {
+    /// The way of a ray through the box [0, dims - 1] at t >= 0. `margin`: its (6E + 64u).
+    #[inline(always)]
+    pub(crate) fn enter(ray: &Ray, space: &Space, margin: f64) -> Entry {
+        let o = space.index_vector(ray.origin - space.domain.origin).to_array();
+        let d = space.index_vector(ray.direction).to_array();
+        let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
+        let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
+        // The stretch inside the box grown by e on every side.
+        let inside = |e: f64| {
+            let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
+            for a in 0..3 {
+                let hi = space.domain.hi[a] + e;
+                if d[a] == 0.0 {
+                    if o[a] < -e || o[a] > hi {
+                        t1 = -1.0;
+                    }
+                } else {
+                    let (x, y) = (-e * inv[a] + shift[a], hi * inv[a] + shift[a]);
+                    t0 = t0.max(x.min(y));
+                    t1 = t1.min(x.max(y));
+                }
+            }
+            (t0, t1)
+        };
+        let (t0, t1) = inside(0.0);
+        if t0 > t1 {
+            let (a, b) = inside(margin);
+            return Entry::Misses { certain: a > b };
+        }
+        Entry::Through(Self {
+            o,
+            d,
+            inv,
+            shift,
+            up: three(|a| i32::from(d[a] >= 0.0)),
+            step: three(|a| if d[a] >= 0.0 { 1 } else { -1 }),
+            t0,
+            t1,
+        })
+    }
+
+    #[inline(always)]
+    fn plane(&self, a: usize, at: i32) -> f64 {
+        f64::from(at) * self.inv[a] + self.shift[a]
+    }
+
+    /// Parameters at which the ray leaves the block of `1 << log` cells per axis with index `i`.
+    #[inline(always)]
+    fn exits(&self, i: [i32; 3], log: u32) -> [f64; 3] {
+        three(|a| self.plane(a, (i[a] + self.up[a]) << log))
+    }
+
+    #[inline(always)]
+    fn cell_at(&self, a: usize, t: f64) -> i32 {
+        (self.o[a] + t * self.d[a]) as i32
+    }
+}
+
+/// Whether a ray meets the box.
+#[derive(Debug)]
+pub(crate) enum Entry {
+    /// It does.
+    Through(Walk),
+    /// It does not; for certain, if it would miss a box larger by its error too.
+    Misses {
+        /// Whether that is proved.
+        certain: bool,
+    },
+}
+
+#[inline(always)]
+fn nearest(t: [f64; 3]) -> usize {
+    if t[0] < t[1] {
+        if t[0] < t[2] { 0 } else { 2 }
+    } else if t[1] < t[2] {
+        1
+    } else {
+        2
+    }
+}
+
+/// A root along the ray.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Root {
+    pub(crate) t: f64,
+    /// Index of the isovalue.
+    pub(crate) surface: usize,
+    /// Gradient of s in index space.
+    pub(crate) gradient: DVec3,
+    /// A root is proved to lie in [t - error, t + error]; +inf where it is not.
+    pub(crate) error: f64,
+    /// Nothing lies before it but the roots reported before.
+    pub(crate) first: bool,
+}
+
+/// What is kept along a ray.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    /// Value of s - c at the end of the last cell, per isovalue.
+    ends: Vec<f64>,
+    found: Vec<(CubicRoot, usize)>,
+}
+
+impl Scratch {
+    pub(crate) fn new(surfaces: usize) -> Self {
+        Self {
+            ends: vec![0.0; surfaces],
+            found: Vec::with_capacity(3 * surfaces),
+        }
+    }
+}
+
+/// Work done along rays.
+#[derive(Debug, Default, Clone, Copy)]
+pub(crate) struct Work {
+    pub(crate) nodes: u64,
+    pub(crate) bricks: u64,
+    pub(crate) cells: u64,
+    pub(crate) cubics: u64,
+}
+
+/// A volume with the surfaces sought in it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Search<'a, T> {
+    pub(crate) samples: &'a [T],
+    pub(crate) dims: [usize; 3],
+    pub(crate) active: &'a Active,
+    pub(crate) bounds: &'a [Bounds],
+    /// (6E + 64u) of these rays.
+    pub(crate) margin: f64,
+    /// Prove what can be proved.
+    pub(crate) claims: bool,
+}
+
+/// State of one ray on its way.
+struct Way<'w, F> {
+    walk: Walk,
+    scratch: &'w mut Scratch,
+    work: &'w mut Work,
+    /// Parameter at the end of the last cell looked at.
+    end: f64,
+    certain: bool,
+    push: F,
+}
+
+impl<T: Sample> Search<'_, T> {
+    /// Calls `push` with the roots in order until it returns false. Returns whether all of the ray that was walked is certain.
+    #[inline(always)]
+    pub(crate) fn roots(&self, walk: Walk, scratch: &mut Scratch, work: &mut Work, push: impl FnMut(&Root) -> bool) -> bool {
+        let mut way = Way {
+            walk,
+            scratch,
+            work,
+            end: f64::NEG_INFINITY,
+            certain: true,
+            push,
+        };
+        self.nodes(&mut way);
+        way.certain
+    }
+
+    #[inline(always)]
+    fn nodes<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>) {
+        let w = way.walk;
+        let last = three(|a| (self.dims[a] as i32 - 2) >> 2);
+        let words = self.active.dims;
+        let mut brick = three(|a| (w.cell_at(a, w.t0) >> 2).clamp(0, last[a]));
+        let mut t = w.t0;
+        'node: loop {
+            way.work.nodes += 1;
+            let node = three(|a| brick[a] >> 2);
+            let at = (node[2] as usize * words[1] + node[1] as usize) * words[0] + node[0] as usize;
+            let word = self.active.words[at];
+            if word != 0 {
+                let mut exits = w.exits(brick, 2);
+                loop {
+                    let a = nearest(exits);
+                    let te = exits[a].min(w.t1);
+                    if word >> bit(brick) & 1 != 0 && !self.brick(way, at, brick, t, te) {
+                        return;
+                    }
+                    if te >= w.t1 {
+                        return;
+                    }
+                    brick[a] += w.step[a];
+                    t = t.max(te);
+                    if brick[a] >> 2 != node[a] {
+                        if brick[a] < 0 || brick[a] > last[a] {
+                            return;
+                        }
+                        continue 'node;
+                    }
+                    exits[a] = w.plane(a, (brick[a] + w.up[a]) << 2);
+                }
+            }
+            let exits = w.exits(node, 4);
+            let a = nearest(exits);
+            if exits[a] >= w.t1 {
+                return;
+            }
+            t = t.max(exits[a]);
+            for i in 0..3 {
+                brick[i] = (w.cell_at(i, t) >> 2).clamp(node[i] << 2, (node[i] << 2 | 3).min(last[i]));
+            }
+            brick[a] = if w.step[a] > 0 {
+                (node[a] + 1) << 2
+            } else {
+                (node[a] << 2) - 1
+            };
+            if brick[a] < 0 || brick[a] > last[a] {
+                return;
+            }
+        }
+    }
+
+    /// Returns whether to go on.
+    #[inline(always)]
+    fn brick<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>, word: usize, brick: [i32; 3], t0: f64, t1: f64) -> bool {
+        way.work.bricks += 1;
+        let w = way.walk;
+        let mask = self
+            .active
+            .cells(word, bit(brick), brick, self.samples, self.dims, self.bounds);
+        let mut cell = three(|a| {
+            let lo = brick[a] << 2;
+            w.cell_at(a, t0).clamp(lo, (lo | 3).min(self.dims[a] as i32 - 2))
+        });
+        let mut exits = w.exits(cell, 0);
+        let mut t = t0;
+        loop {
+            let a = nearest(exits);
+            let te = exits[a].min(t1);
+            way.work.cells += 1;
+            if mask >> bit(cell) & 1 != 0 && !self.cell(way, cell, t, te) {
+                return false;
+            }
+            if te >= t1 {
+                return true;
+            }
+            cell[a] += w.step[a];
+            if cell[a] >> 2 != brick[a] {
+                return true;
+            }
+            t = t.max(te);
+            exits[a] = w.plane(a, cell[a] + w.up[a]);
+        }
+    }
+
+    #[inline(always)]
+    fn cell<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>, cell: [i32; 3], t0: f64, t1: f64) -> bool {
+        let (sy, sz) = (self.dims[0], self.dims[0] * self.dims[1]);
+        let at = cell[2] as usize * sz + cell[1] as usize * sy + cell[0] as usize;
+        let s = &self.samples[at..at + sz + sy + 2];
+        let v: [f64; 8] = [
+            s[0].into(),
+            s[1].into(),
+            s[sy].into(),
+            s[sy + 1].into(),
+            s[sz].into(),
+            s[sz + 1].into(),
+            s[sz + sy].into(),
+            s[sz + sy + 1].into(),
+        ];
+        let w = way.walk;
+        // A plane the ray enters or leaves by has its exact coordinate.
+        let local = |a: usize, t: f64| {
+            let x = w.o[a] + t * w.d[a] - f64::from(cell[a]);
+            if t == w.plane(a, cell[a]) {
+                0.0
+            } else if t == w.plane(a, cell[a] + 1) {
+                1.0
+            } else {
+                x
+            }
+        };
+        let a = three(|i| local(i, t0));
+        let b = three(|i| local(i, t1));
+        let continues = way.end == t0;
+        way.end = t1;
+        if let [bound] = self.bounds {
+            // The common case without a detour through the list.
+            way.work.cubics += 1;
+            let mut p = composed(&v, bound.isovalue, a, b);
+            if continues {
+                p[0] = way.scratch.ends[0];
+            }
+            way.scratch.ends[0] = p[3];
+            let f = cubic::roots(p, self.margin * bound.size);
+            if f.roots().is_empty() {
+                way.certain &= f.certain;
+                return true;
+            }
+            for r in f.roots() {
+                let root = self.root(&v, p, r, 0, [a, b], [t0, t1], way.certain && f.certain);
+                if !(way.push)(&root) {
+                    return false;
+                }
+            }
+            way.certain &= f.certain;
+            return true;
+        }
+        self.several(way, &v, [a, b], [t0, t1], continues)
+    }
+
+    /// As `cell`, for several isovalues: their roots are merged in order.
+    fn several<F: FnMut(&Root) -> bool>(
+        &self,
+        way: &mut Way<'_, F>,
+        v: &[f64; 8],
+        ab: [[f64; 3]; 2],
+        t: [f64; 2],
+        continues: bool,
+    ) -> bool {
+        let mut found = std::mem::take(&mut way.scratch.found);
+        found.clear();
+        let mut certain = true;
+        for (i, bound) in self.bounds.iter().enumerate() {
+            way.work.cubics += 1;
+            let mut p = composed(v, bound.isovalue, ab[0], ab[1]);
+            if continues {
+                p[0] = way.scratch.ends[i];
+            }
+            way.scratch.ends[i] = p[3];
+            let f = cubic::roots(p, self.margin * bound.size);
+            certain &= f.certain;
+            found.extend(f.roots().iter().map(|r| (*r, i)));
+        }
+        found.sort_by(|x, y| x.0.at.total_cmp(&y.0.at));
+        let mut go_on = true;
+        for (r, i) in &found {
+            let p = composed(v, self.bounds[*i].isovalue, ab[0], ab[1]);
+            let root = self.root(v, p, r, *i, ab, t, way.certain && certain);
+            if !(way.push)(&root) {
+                go_on = false;
+                break;
+            }
+        }
+        way.certain &= certain;
+        way.scratch.found = found;
+        go_on
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "the parts of one root, all of them cheap to pass")]
+    #[inline(always)]
+    fn root(
+        &self,
+        v: &[f64; 8],
+        p: [f64; 4],
+        r: &CubicRoot,
+        surface: usize,
+        ab: [[f64; 3]; 2],
+        [t0, t1]: [f64; 2],
+        first: bool,
+    ) -> Root {
+        let t = t0 + r.at * (t1 - t0);
+        let x = three(|i| ab[0][i] + r.at * (ab[1][i] - ab[0][i]));
+        let mut error = f64::INFINITY;
+        if self.claims && r.simple {
+            // Opposite signs beyond the bound on both sides, at parameters that exist as f64.
+            let bound = self.margin * self.bounds[surface].size;
+            for width in [1e-12, 1e-9, 1e-6] {
+                let (lo, hi) = ((r.at - width).max(0.0), (r.at + width).min(1.0));
+                let (f, g) = (cubic::value(p, lo), cubic::value(p, hi));
+                if f.abs() > bound && g.abs() > bound && (f < 0.0) != (g < 0.0) {
+                    let half = (r.at - lo).max(hi - r.at) * (t1 - t0);
+                    // t itself, and the two ends, are rounded.
+                    error = half + 8.0 * f64::EPSILON * t1.abs();
+                    break;
+                }
+            }
+        }
+        Root {
+            t,
+            surface,
+            gradient: gradient(v, x),
+            error,
+            first,
+        }
+    }
+}
+
+/// Bernstein coefficients of s - c along the segment from local a to local b of a cell with these corner samples (x fastest).
+#[inline(always)]
+fn composed(v: &[f64; 8], c: f64, a: [f64; 3], b: [f64; 3]) -> [f64; 4] {
+    let mix = |p: f64, q: f64, x: f64| p + x * (q - p);
+    let mut x = [0.0; 8];
+    for k in 0..4 {
+        let (p, q) = (v[2 * k] - c, v[2 * k + 1] - c);
+        x[2 * k] = mix(p, q, a[0]);
+        x[2 * k + 1] = mix(p, q, b[0]);
+    }
+    let mut y = [0.0; 8];
+    for k in [0, 4] {
+        for i in 0..2 {
+            y[k + i] = mix(x[k + i], x[k + 2 + i], a[1]);
+            y[k + 2 + i] = mix(x[k + i], x[k + 2 + i], b[1]);
+        }
+    }
+    let (z0, z1) = (a[2], b[2]);
+    let third = 1.0 / 3.0;
+    [
+        mix(y[0], y[4], z0),
+        (mix(y[1], y[5], z0) + mix(y[2], y[6], z0) + mix(y[0], y[4], z1)) * third,
+        (mix(y[3], y[7], z0) + mix(y[1], y[5], z1) + mix(y[2], y[6], z1)) * third,
+        mix(y[3], y[7], z1),
+    ]
+}
+
+/// Gradient of the trilinear interpolant at local x, per cell.
+#[inline(always)]
+fn gradient(v: &[f64; 8], [x, y, z]: [f64; 3]) -> DVec3 {
+    let mix = |p: f64, q: f64, x: f64| p + x * (q - p);
+    let d = |i: usize, j: usize| v[j] - v[i];
+    DVec3::new(
+        mix(mix(d(0, 1), d(2, 3), y), mix(d(4, 5), d(6, 7), y), z),
+        mix(mix(d(0, 2), d(1, 3), x), mix(d(4, 6), d(5, 7), x), z),
+        mix(mix(d(0, 4), d(1, 5), x), mix(d(2, 6), d(3, 7), x), y),
+    )
+}
+
+const _: () = assert!(SIDE == 4, "words of 64 bits, indices shifted by 2 and 4");
