@@ -1,0 +1,58 @@
+// Uniform cubic B-spline in f32 by 64 explicit loads. The texture holds one more coefficient before the first and behind the last sample
+// of each axis, so that texel `cell` is coefficient `cell - 1`.
+
+struct Cell {
+    base: vec3<i32>,
+    w: vec3<f32>,
+}
+
+fn cell_of(u: vec3<f32>) -> Cell {
+    let c = min(floor(u), params.last - 1.0);
+    return Cell(vec3<i32>(c), u - c);
+}
+
+const SIXTH: f32 = 1.0 / 6.0;
+
+fn weights(w: f32) -> vec4<f32> {
+    let v = 1.0 - w;
+    let ww = w * w;
+    let vv = v * v;
+    return vec4(SIXTH * vv * v, SIXTH * (4.0 - 3.0 * ww * (1.0 + v)), SIXTH * (4.0 - 3.0 * vv * (1.0 + w)), SIXTH * ww * w);
+}
+
+fn slopes(w: f32) -> vec4<f32> {
+    let v = 1.0 - w;
+    return vec4(-0.5 * v * v, w * (1.5 * w - 2.0), v * (2.0 - 1.5 * v), 0.5 * w * w);
+}
+
+fn row(b: vec3<i32>, x: vec4<f32>) -> f32 {
+    return x.x * coefficient(b) + x.y * coefficient(b + vec3(1, 0, 0)) + x.z * coefficient(b + vec3(2, 0, 0))
+        + x.w * coefficient(b + vec3(3, 0, 0));
+}
+
+fn plane(b: vec3<i32>, x: vec4<f32>, y: vec4<f32>) -> f32 {
+    return y.x * row(b, x) + y.y * row(b + vec3(0, 1, 0), x) + y.z * row(b + vec3(0, 2, 0), x)
+        + y.w * row(b + vec3(0, 3, 0), x);
+}
+
+fn sum(b: vec3<i32>, x: vec4<f32>, y: vec4<f32>, z: vec4<f32>) -> f32 {
+    return z.x * plane(b, x, y) + z.y * plane(b + vec3(0, 0, 1), x, y) + z.z * plane(b + vec3(0, 0, 2), x, y)
+        + z.w * plane(b + vec3(0, 0, 3), x, y);
+}
+
+fn value(u: vec3<f32>) -> f32 {
+    let cell = cell_of(u);
+    return sum(cell.base, weights(cell.w.x), weights(cell.w.y), weights(cell.w.z));
+}
+
+fn gradient(u: vec3<f32>) -> vec3<f32> {
+    let cell = cell_of(u);
+    let x = weights(cell.w.x);
+    let y = weights(cell.w.y);
+    let z = weights(cell.w.z);
+    return vec3(
+        sum(cell.base, slopes(cell.w.x), y, z),
+        sum(cell.base, x, slopes(cell.w.y), z),
+        sum(cell.base, x, y, slopes(cell.w.z)),
+    );
+}

@@ -1,0 +1,209 @@
+//! Files written whole or not at all: PNG, EXR and npz of a frame, pictures of errors and work.
+//!
+//! Every file is made under a temporary name in its own folder and renamed when complete; on failure nothing is left.
+
+mod exr_file;
+mod npz;
+mod picture;
+
+pub use exr_file::write_exr;
+pub use npz::write_npz;
+pub use picture::{
+    ClassColour, Picture, colour_bar, encode_png, error_picture, frame_picture, heat_colour, heat_picture, log_position,
+    work_picture, write_picture,
+};
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use isobar_core::{Channels, Frame};
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Formats of an image, by extension.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// Colour, 8-bit sRGB over white.
+    Png,
+    /// Linear colour, Z (t) and normals, 32-bit floats.
+    Exr,
+    /// All channels as arrays.
+    Npz,
+}
+
+impl Format {
+    /// The format of a path's extension (any case).
+    ///
+    /// # Errors
+    /// When it is none of png, exr, npz.
+    pub fn of(path: &Path) -> Result<Self> {
+        match path
+            .extension()
+            .and_then(|e| e.to_str())
+            .map(str::to_ascii_lowercase)
+            .as_deref()
+        {
+            Some("png") => Ok(Self::Png),
+            Some("exr") => Ok(Self::Exr),
+            Some("npz") => Ok(Self::Npz),
+            _ => bail!(
+                "-o {}: unknown kind of output; end the name in .png, .exr or .npz",
+                path.display()
+            ),
+        }
+    }
+
+    /// Channels it needs. An npz of a method that gives only colour holds what there is.
+    #[must_use]
+    pub fn channels(self) -> Channels {
+        match self {
+            Self::Png => Channels::RGBA,
+            Self::Exr => Channels::RGBA | Channels::T | Channels::NORMAL,
+            Self::Npz => {
+                Channels::T
+                    | Channels::POINT
+                    | Channels::NORMAL
+                    | Channels::SURFACE
+                    | Channels::T_ERROR
+                    | Channels::HITS
+                    | Channels::RGBA
+                    | Channels::CLAIM
+            }
+        }
+    }
+
+    /// Writes a frame. `layered`: `--layers` was given, so the npz arrays that have layers get a leading axis, even with one layer.
+    ///
+    /// # Errors
+    /// When a channel is missing or the file cannot be written; then no file is left.
+    pub fn write(self, path: &Path, frame: &Frame, layered: bool) -> Result<()> {
+        ensure!(
+            frame.channels.contains(self.channels()),
+            "-o {}: the frame lacks {:?}",
+            path.display(),
+            self.channels() - frame.channels
+        );
+        match self {
+            Self::Png => write_picture(path, &frame_picture(frame)),
+            Self::Exr => write_exr(path, frame),
+            Self::Npz => write_npz(path, frame, layered),
+        }
+    }
+}
+
+/// The folder a path lies in.
+fn folder(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}
+
+/// Checks that a file of this name can be written, before any work: its folder takes a new file, and the name is no folder and not
+/// write-protected. Leaves nothing behind. `flag` is named in the error.
+///
+/// # Errors
+/// When it cannot.
+pub fn probe(flag: &str, path: &Path) -> Result<()> {
+    let name = path.display();
+    ensure!(path.file_name().is_some(), "{flag} {name}: not a file name; give one");
+    ensure!(!path.is_dir(), "{flag} {name}: is a folder; give a file name");
+    if path.exists() {
+        OpenOptions::new()
+            .append(true)
+            .open(path)
+            .map_err(|e| anyhow!("{flag} {name}: cannot be overwritten ({e}); choose another name"))?;
+    }
+    probe_folder(flag, path, &folder(path))
+}
+
+/// As [`probe`], for files made inside `folder`; `path` is what the user gave.
+///
+/// # Errors
+/// When the folder takes no new file.
+pub fn probe_folder(flag: &str, path: &Path, folder: &Path) -> Result<()> {
+    tempfile::Builder::new()
+        .prefix(".isobar-")
+        .tempfile_in(folder)
+        .map(drop)
+        .map_err(|e| {
+            anyhow!(
+                "{flag} {}: cannot write in folder {} ({}); make the folder or choose another",
+                path.display(),
+                folder.display(),
+                e.kind()
+            )
+        })
+}
+
+/// Writes a file under a temporary name in its folder and renames it when `fill` succeeded; else nothing is left and a former file of
+/// this name is unchanged.
+///
+/// # Errors
+/// What `fill` or the file system says, with the path.
+pub fn atomically(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<()> {
+    let what = || format!("{}: could not be written", path.display());
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".isobar-");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // The usual rights of a new file; the process's mask is taken off.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let temporary = builder.tempfile_in(folder(path)).with_context(what)?;
+    let mut writer = BufWriter::with_capacity(1 << 20, temporary.as_file());
+    fill(&mut writer).with_context(what)?;
+    writer.flush().with_context(what)?;
+    drop(writer);
+    temporary.persist(path).map_err(|e| anyhow!(e.error)).with_context(what)?;
+    Ok(())
+}
+
+/// Writes a text file by [`atomically`].
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write_text(path: &Path, text: &str) -> Result<()> {
+    atomically(path, |w| Ok(w.write_all(text.as_bytes())?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_former_file_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.txt");
+        write_text(&path, "before").unwrap();
+        let failed = atomically(&path, |w| {
+            w.write_all(b"half")?;
+            bail!("no more")
+        });
+        assert!(format!("{:#}", failed.unwrap_err()).contains("no more"));
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "before");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn unwritable_places_are_found_before_any_work() {
+        let dir = tempfile::tempdir().unwrap();
+        assert!(probe("-o", &dir.path().join("new.png")).is_ok());
+        assert!(probe("-o", dir.path()).is_err());
+        assert!(probe("-o", &dir.path().join("no/such/a.png")).is_err());
+        assert!(probe("-o", Path::new("/")).is_err());
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn files_have_the_usual_rights() {
+        use std::os::unix::fs::PermissionsExt;
+        let dir = tempfile::tempdir().unwrap();
+        let (ours, theirs) = (dir.path().join("a"), dir.path().join("b"));
+        write_text(&ours, "x").unwrap();
+        std::fs::write(&theirs, "x").unwrap();
+        let mode = |p: &Path| p.metadata().unwrap().permissions().mode();
+        assert_eq!(mode(&ours), mode(&theirs));
+    }
+}

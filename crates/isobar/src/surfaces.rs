@@ -1,0 +1,199 @@
+//! Isovalues with colour and opacity, and transfer functions.
+
+use anyhow::{Context, Result, bail, ensure};
+use isobar_core::{Surface, TransferFunction};
+use serde::Deserialize;
+use std::path::Path;
+
+/// Most surfaces a scene may have: the frame's index has 8 bits, 255 means none, and one index is left for a mesh.
+pub const MAX_SURFACES: usize = 254;
+
+/// Reads `C[:opacity[:#rrggbb]][,...]`, each given to `--isovalue`. The colour is sRGB and is stored linear; without one the
+/// surface has the default colour of its position. An empty opacity is 1.
+///
+/// # Errors
+/// When a number, opacity or colour cannot be read, or there are too many; the text names the flag and the part.
+pub fn parse_isovalues<S: AsRef<str>>(given: &[S]) -> Result<Vec<Surface>> {
+    let mut out = Vec::new();
+    for text in given.iter().flat_map(|s| s.as_ref().split(',')) {
+        let mut parts = text.trim().splitn(3, ':');
+        let value = parts.next().unwrap_or_default();
+        let Some(c) = value.parse::<f64>().ok().filter(|c| c.is_finite()) else {
+            bail!("--isovalue {text}: \"{value}\" is not a finite number; write C[:opacity[:#rrggbb]][,...]");
+        };
+        let mut surface = Surface::isovalue(c, out.len());
+        if let Some(o) = parts.next().filter(|o| !o.is_empty()) {
+            surface.opacity = match o.parse::<f32>() {
+                Ok(v) if (0.0..=1.0).contains(&v) => v,
+                _ => bail!("--isovalue {text}: opacity \"{o}\" is not a number from 0 to 1"),
+            };
+        }
+        if let Some(colour) = parts.next() {
+            surface.colour = parse_colour(colour).with_context(|| {
+                format!("--isovalue {text}: colour \"{colour}\" is not #rrggbb; write six hexadecimal digits")
+            })?;
+        }
+        out.push(surface);
+        ensure!(
+            out.len() <= MAX_SURFACES,
+            "--isovalue: more than {MAX_SURFACES} surfaces; draw them in several images"
+        );
+    }
+    Ok(out)
+}
+
+/// `#rrggbb` in sRGB as linear RGB in [0, 1]; `None` where it is not that.
+#[must_use]
+pub fn parse_colour(s: &str) -> Option<[f32; 3]> {
+    let hex = s
+        .strip_prefix('#')
+        .filter(|h| h.len() == 6 && h.bytes().all(|b| b.is_ascii_hexdigit()))?;
+    let mut out = [0.0; 3];
+    for (i, c) in out.iter_mut().enumerate() {
+        *c = srgb_to_linear(u8::from_str_radix(&hex[2 * i..2 * i + 2], 16).ok()?);
+    }
+    Some(out)
+}
+
+fn srgb_to_linear(v: u8) -> f32 {
+    let s = f64::from(v) / 255.0;
+    (if s <= 0.040_45 {
+        s / 12.92
+    } else {
+        ((s + 0.055) / 1.055).powf(2.4)
+    }) as f32
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TransferFile {
+    points: Vec<[f64; 5]>,
+    unit: Option<f64>,
+}
+
+/// Reads a transfer function: TOML with `points = [[value, r, g, b, density], ...]` (data units ascending, linear RGB in [0, 1],
+/// density not negative) and optionally `unit`, the world length density refers to, by default `extent / 256`.
+///
+/// # Errors
+/// When the file cannot be read or is not that; one line that names the file and the point.
+pub fn load_transfer(path: &Path, extent: f64) -> Result<TransferFunction> {
+    let name = path.display();
+    let text = std::fs::read_to_string(path).map_err(|e| {
+        anyhow::anyhow!("--tf {name}: {e}; give a readable TOML file with points = [[value, r, g, b, density], ...]")
+    })?;
+    parse_transfer(&text, extent).map_err(|e| anyhow::anyhow!("--tf {name}: {e}"))
+}
+
+fn parse_transfer(text: &str, extent: f64) -> Result<TransferFunction> {
+    let file: TransferFile = toml::from_str(text).map_err(|e| {
+        let line = e
+            .span()
+            .map_or(1, |s| text[..s.start.min(text.len())].matches('\n').count() + 1);
+        anyhow::anyhow!(
+            "line {line}: {}; write points = [[value, r, g, b, density], ...]",
+            e.message()
+        )
+    })?;
+    ensure!(
+        !file.points.is_empty(),
+        "it has no points; write points = [[value, r, g, b, density], ...]"
+    );
+    for (i, p) in file.points.iter().enumerate() {
+        let n = i + 1;
+        ensure!(
+            p.iter().all(|v| v.is_finite()),
+            "point {n} has a number that is not finite; correct it"
+        );
+        ensure!(
+            p[1..4].iter().all(|c| (0.0..=1.0).contains(c)),
+            "point {n} has a colour outside 0 to 1; give linear r, g, b"
+        );
+        ensure!(p[4] >= 0.0, "point {n} has a negative density; extinction is at least 0");
+        ensure!(
+            i == 0 || file.points[i - 1][0] < p[0],
+            "point {n} is not above the one before it; sort the points by value"
+        );
+    }
+    let unit = file.unit.unwrap_or(extent / 256.0);
+    ensure!(
+        unit > 0.0 && unit.is_finite(),
+        "unit {unit} is not a positive length; give it in world units"
+    );
+    Ok(TransferFunction {
+        points: file
+            .points
+            .iter()
+            .map(|p| (p[0], [p[1] as f32, p[2] as f32, p[3] as f32], p[4] as f32))
+            .collect(),
+        unit,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn isovalues_have_opacity_and_linear_colour() {
+        let s = parse_isovalues(&["-0.5", "1e2:0.25:#ff0080,3::#000000,4:0"]).unwrap();
+        assert_eq!(
+            s.iter().map(|s| s.value().unwrap()).collect::<Vec<_>>(),
+            [-0.5, 100.0, 3.0, 4.0]
+        );
+        assert_eq!(s.iter().map(|s| s.opacity).collect::<Vec<_>>(), [1.0, 0.25, 1.0, 0.0]);
+        assert_eq!((s[1].colour[0], s[1].colour[1]), (1.0, 0.0));
+        assert!((s[1].colour[2] - 0.215_860_5).abs() < 1e-6, "sRGB 128 is linear 0.2159");
+        assert_eq!(s[3].colour, Surface::COLOURS[3]);
+        // and back: the picture has the colour asked for
+        assert_eq!(
+            isobar_core::to_srgb8([s[1].colour[0], s[1].colour[1], s[1].colour[2], 1.0]),
+            [255, 0, 128]
+        );
+    }
+
+    #[test]
+    fn unusable_isovalues_are_one_line() {
+        for bad in [
+            "nan",
+            "",
+            "1,",
+            "inf",
+            "1:2",
+            "1:-0.1",
+            "1:nan",
+            "1:1:red",
+            "1:1:#12345",
+            "1:1:#gggggg",
+            "1:1:#é1234",
+        ] {
+            let e = parse_isovalues(&[bad]).unwrap_err().to_string();
+            assert!(e.starts_with("--isovalue") && !e.contains('\n'), "{bad}: {e}");
+        }
+        assert!(parse_isovalues(&vec!["1"; 255]).is_err());
+    }
+
+    #[test]
+    fn transfer_functions_are_checked() {
+        let t = parse_transfer("points = [[0, 1, 0, 0, 0], [10.5, 0, 1, 0, 2]]", 512.0).unwrap();
+        assert_eq!((t.points.len(), t.unit, t.points[1].2), (2, 2.0, 2.0));
+        assert_eq!(
+            parse_transfer("unit = 3.0\npoints = [[0, 1, 0, 0, 0]]", 512.0).unwrap().unit,
+            3.0
+        );
+        for bad in [
+            "",
+            "points = []",
+            "points = [[0, 1, 0, 0]]",
+            "points = [[0, 1, 0, 0, -1]]",
+            "points = [[0, 2, 0, 0, 1]]",
+            "points = [[1, 1, 0, 0, 1], [1, 1, 0, 0, 1]]",
+            "points = [[nan, 1, 0, 0, 1]]",
+            "points = [[0, 1, 0, 0, 1]]\nunit = 0.0",
+            "points = [[0, 1, 0, 0, 1]]\nunits = 1.0",
+            "points = [[",
+        ] {
+            let e = parse_transfer(bad, 512.0).unwrap_err().to_string();
+            assert!(!e.contains('\n'), "{bad}: {e}");
+        }
+    }
+}

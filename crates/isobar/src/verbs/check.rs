@@ -1,0 +1,241 @@
+//! `isobar check`: every pixel of a method against the certified truth.
+
+use crate::checking::{self, Check};
+use crate::cli::{Answer, CheckArgs};
+use crate::output::{self, Format};
+use crate::run::{self, Prepared, Setup};
+use crate::source::Source;
+use crate::truth::{Random, Truths, cache_dir};
+use crate::{progress, settings, surfaces};
+use anyhow::{Context, Result, anyhow, ensure};
+use isobar_core::{DVec3, Frame, Method, Request, Stop, Surface, View};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Size of the random views of `--rays`: small, so that there are many.
+const RANDOM_VIEW: (usize, usize) = (32, 24);
+/// Most rays: the errors of all are kept until the end.
+const MAX_RAYS: u64 = 100_000_000;
+
+/// Checks. The answer is no where a claim is refuted; with `--strict` also where a pixel is wrong.
+///
+/// # Errors
+/// When arguments or data cannot be used, or the method refuses, fails, or draws no function that can be told.
+pub fn run(args: &CheckArgs) -> Result<Answer> {
+    let method = crate::method(&args.method)?;
+    ensure!(
+        method.info().hits,
+        "--method {}: it gives colour only, so there is no t to check; see isobar methods",
+        args.method
+    );
+    let surfaces = surfaces::parse_isovalues(&args.isovalue)?;
+    let knobs = settings::parse_knobs(&args.draw.set)?;
+    settings::resolve(method, &knobs)?;
+    args.view.validate()?;
+    ensure!(
+        args.view.clip.is_empty(),
+        "--clip: the oracle certifies whole domains only; check without clipping planes"
+    );
+    ensure!(
+        args.rays.is_none_or(|n| (1..=MAX_RAYS).contains(&n)),
+        "--rays {}: give a number from 1 to {MAX_RAYS}",
+        args.rays.unwrap_or_default()
+    );
+    if let Some(p) = args.json.as_deref().filter(|p| *p != Path::new("-")) {
+        output::probe("--json", p)?;
+    }
+    if let Some(p) = &args.map {
+        ensure!(
+            Format::of(p).ok() == Some(Format::Png),
+            "--map {}: end the name in .png",
+            p.display()
+        );
+        output::probe("--map", p)?;
+    }
+    let request = super::request(&args.draw, knobs, checking::CHANNELS, 1)?;
+    let (source, _) = super::open(&args.data)?;
+    source.require_finite()?;
+    let job = Job {
+        args,
+        method,
+        source: &source,
+        surfaces: &surfaces,
+        request: &request,
+    };
+    let (checked, function) = match args.rays {
+        Some(n) => job.random_views(n)?,
+        None => job.one_view()?,
+    };
+    let out = to_json(&checked, &job, &function);
+    let mut text = to_text(&checked, &job, &function);
+    match args.json.as_deref() {
+        Some(p) if p == Path::new("-") => text = settings::pretty(&out),
+        Some(p) => output::write_text(p, &settings::pretty(&out)).context("--json")?,
+        None => {}
+    }
+    Ok(Answer {
+        text,
+        warnings: super::warnings(&source, &surfaces),
+        no: checked.refuted > 0 || args.strict && checking::wrong(&checked) > 0,
+    })
+}
+
+struct Job<'a> {
+    args: &'a CheckArgs,
+    method: &'static dyn Method,
+    source: &'a Source,
+    surfaces: &'a [Surface],
+    request: &'a Request,
+}
+
+impl Job<'_> {
+    fn setup<'b>(&'b self, view: &'b View) -> Setup<'b> {
+        Setup {
+            method: self.method,
+            data: &self.source.data,
+            surfaces: self.surfaces,
+            medium: None,
+            view,
+            request: self.request.clone(),
+        }
+    }
+
+    fn explain(&self, e: &isobar_core::RenderError) -> anyhow::Error {
+        settings::explain(e, &self.args.method, &self.source.name)
+    }
+
+    /// Draws and checks one view with a prepared renderer.
+    fn check(&self, p: &mut Prepared, view: &View, truths: &Truths) -> Result<(Check, String)> {
+        let function = p.function().ok_or_else(|| {
+            anyhow!(
+                "--method {}: it tells no function to check against; see isobar methods",
+                self.args.method
+            )
+        })?;
+        let stop = Stop::default();
+        let mut frame = Frame::default();
+        progress::watch(&format!("drawing with {}", self.args.method), &stop, || {
+            p.render(&stop)?;
+            p.renderer().read(&mut frame)
+        })
+        .map_err(|e| self.explain(&e))?;
+        let stop = Stop::default();
+        let truth = progress::watch("certifying every pixel", &stop, || {
+            truths.get(&function, self.surfaces, view, &stop)
+        })
+        .with_context(|| format!("check {}", self.args.method))?;
+        let checked = isobar_oracle::check(&frame, &truth, &function, self.surfaces, view)?;
+        Ok((checked, function.name()))
+    }
+
+    fn one_view(&self) -> Result<(Check, String)> {
+        let view = self.args.view.view(self.source.bounds())?;
+        let truths = Truths::new(self.source.hash(), cache_dir());
+        let mut p = run::prepare(&self.setup(&view)).map_err(|e| self.explain(&e))?;
+        let (checked, function) = self.check(&mut p, &view, &truths)?;
+        if let Some(path) = &self.args.map {
+            output::write_picture(path, &checking::picture(&checked, view.width, view.height)).context("--map")?;
+        }
+        Ok((checked, function))
+    }
+
+    fn random_views(&self, rays: u64) -> Result<(Check, String)> {
+        let bounds = self.source.bounds();
+        ensure!(
+            (bounds.1 - bounds.0).length() > 0.0,
+            "--rays: {} is a single point; there is nothing to look at",
+            self.source.name
+        );
+        let mut random = Random::new(self.args.seed);
+        let first = random_view(&mut random, bounds, rays);
+        let mut p = run::prepare(&self.setup(&first)).map_err(|e| self.explain(&e))?;
+        // Random views are small and rarely asked for again: they are not kept.
+        let truths = Truths::new(self.source.hash(), None);
+        let (mut checks, mut pixels) = (Vec::new(), 0);
+        let mut view = first;
+        loop {
+            let (checked, function) = self.check(&mut p, &view, &truths)?;
+            pixels += checked.pixels as u64;
+            checks.push(checked);
+            if pixels >= rays {
+                return Ok((Check::join(checks), function));
+            }
+            view = random_view(&mut random, bounds, rays - pixels);
+            p.renderer().set_view(&view).map_err(|e| self.explain(&e))?;
+        }
+    }
+}
+
+/// A perspective view at random: one in three eyes lies inside the bounds, the others up to three diagonals away; the target lies inside;
+/// 10 to 90 degrees. The last view has as many rows as are still needed. The bounds must have a size.
+#[must_use]
+pub fn random_view(random: &mut Random, bounds: (DVec3, DVec3), pixels: u64) -> View {
+    let (lo, hi) = bounds;
+    let size = hi - lo;
+    let (w, h) = RANDOM_VIEW;
+    let rows = (pixels.div_ceil(w as u64) as usize).clamp(1, h);
+    loop {
+        let mut inside = || lo + size * DVec3::new(random.unit(), random.unit(), random.unit());
+        let (target, within) = (inside(), inside());
+        let eye = if random.bits().is_multiple_of(3) {
+            within
+        } else {
+            (lo + hi) * 0.5 + random.direction() * size.length() * (0.5 + 2.5 * random.unit())
+        };
+        let up = random.direction();
+        let fov = 10.0 + 80.0 * random.unit();
+        let view = View::perspective(eye, target, up, fov, w, rows);
+        // Almost never taken twice: eye and target coincide, or up lies along the line of sight.
+        if view.validate().is_ok() {
+            return view;
+        }
+    }
+}
+
+fn to_json(c: &Check, job: &Job<'_>, function: &str) -> Value {
+    let mut out = checking::to_json(c);
+    out["method"] = json!(job.args.method);
+    out["reconstruction"] = json!(function);
+    out["data"] = json!(job.source.name);
+    out["sha256"] = json!(job.source.hash());
+    out["isovalues"] = job.surfaces.iter().map(Surface::value).collect();
+    out["knobs"] = settings::resolve(job.method, &job.request.knobs).map_or(Value::Null, |k| settings::knobs_json(&k));
+    if let Some(n) = job.args.rays {
+        out["rays"] = json!({"asked": n, "seed": job.args.seed});
+    }
+    out["isobar"] = json!(env!("CARGO_PKG_VERSION"));
+    out
+}
+
+fn to_text(c: &Check, job: &Job<'_>, function: &str) -> String {
+    format!(
+        "{} {function} on {}\n{}",
+        job.args.method,
+        job.source.name,
+        checking::to_text(c)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn random_views_lie_inside_and_outside_and_repeat() {
+        let bounds = (DVec3::splat(-1.0), DVec3::splat(1.0));
+        let mut r = Random::new(3);
+        let eyes: Vec<DVec3> = (0..60)
+            .map(|_| match random_view(&mut r, bounds, 10_000).camera {
+                isobar_core::Camera::Perspective { eye, .. } => eye,
+                other => panic!("{other:?}"),
+            })
+            .collect();
+        let inside = eyes.iter().filter(|e| e.abs().max_element() <= 1.0).count();
+        assert!((5..40).contains(&inside), "{inside}");
+        assert_eq!(
+            random_view(&mut Random::new(3), bounds, 40),
+            random_view(&mut Random::new(3), bounds, 40)
+        );
+        assert_eq!(random_view(&mut Random::new(3), bounds, 40).pixels(), 64);
+    }
+}
