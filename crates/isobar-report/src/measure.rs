@@ -1,0 +1,511 @@
+//! Measuring one definition: all methods on each reconstruction, interleaved, every timed frame verified pixel by pixel.
+
+use crate::definitions::{Definition, ViewSpec};
+use crate::hard::has_knob;
+use crate::models;
+use crate::results::{Checked, Comparison, Pictures, Row, Scene, Spread, Stat, Truth};
+use anyhow::{Context, Result};
+use isobar::checking;
+use isobar::run::{self, Entry, Plan, Prepared, Setup};
+use isobar::source::{self, Source};
+use isobar::truth::Truths;
+use isobar::{output, view_spec};
+use isobar_core::{
+    Channels, DVec3, Frame, Function, KnobKind, Knobs, Method, MethodInfo, Request, ResolvedKnobs, Stop, Surface, View,
+};
+use isobar_oracle::{Check, Quantiles};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How a run measures.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// The repository's root.
+    pub root: PathBuf,
+    /// Where the page and its files are being made.
+    pub stage: PathBuf,
+    /// Where certified frames are kept.
+    pub truths: PathBuf,
+    /// Twice the width and height, a whole orbit, more repetitions.
+    pub full: bool,
+}
+
+impl Settings {
+    /// Timed repetitions of each row.
+    const fn repeats(&self) -> usize {
+        if self.full { 15 } else { 5 }
+    }
+
+    /// No further round of a comparison begins after this.
+    const fn budget(&self) -> Duration {
+        Duration::from_secs(if self.full { 60 } else { 6 })
+    }
+}
+
+/// The default of a reconstruction knob's absence: what methods draw that have no such knob.
+const ONLY: &str = "trilinear";
+
+/// Everything a comparison needs.
+pub(crate) struct Job<'a> {
+    pub(crate) source: &'a Source,
+    pub(crate) surfaces: &'a [Surface],
+    pub(crate) view: &'a View,
+    pub(crate) settings: &'a Settings,
+    truths: &'a Truths,
+    definition: &'a Definition,
+}
+
+/// Measures a definition. A scene that cannot be measured has a reason.
+///
+/// # Errors
+/// When files of the page cannot be written.
+pub fn scene(d: &Definition, methods: &[&'static dyn Method], settings: &Settings, stop: &Stop) -> Result<Scene> {
+    let start = Instant::now();
+    let scale = if settings.full && d.group != "sweep" { 2 } else { 1 };
+    let mut out = Scene {
+        id: d.id.clone(),
+        group: d.group.clone(),
+        title: d.title.clone(),
+        analysis: d.analysis.clone(),
+        isovalues: d.isovalues.clone(),
+        view: view_words(&d.view),
+        size: d.size.map(|n| n * scale),
+        ..Scene::default()
+    };
+    let opened = d
+        .source(&settings.root)
+        .and_then(|name| open(d, &name, out.size).map_err(|e| format!("{e:#}")));
+    let (source, surfaces, view) = match opened {
+        Ok(o) => o,
+        Err(reason) => {
+            out.skipped = Some(reason);
+            return Ok(out);
+        }
+    };
+    out.data = data_words(&source);
+    source.hash().clone_into(&mut out.data_hash);
+    let truths = Truths::new(source.hash(), Some(settings.truths.clone()));
+    let job = Job {
+        source: &source,
+        surfaces: &surfaces,
+        view: &view,
+        settings,
+        truths: &truths,
+        definition: d,
+    };
+    for reconstruction in &d.reconstructions {
+        out.comparisons.push(job.comparison(reconstruction, methods, stop)?);
+    }
+    out.seconds = start.elapsed().as_secs_f64();
+    Ok(out)
+}
+
+fn open(d: &Definition, name: &str, size: [usize; 2]) -> Result<(Source, Vec<Surface>, View)> {
+    let options = isobar_io::Options {
+        field: d.field.clone(),
+        ..isobar_io::Options::default()
+    };
+    let source = source::open(name, &options)?;
+    source.require_finite()?;
+    let [w, h] = size;
+    let view = match &d.view {
+        ViewSpec::Name(name) => view_spec::named(name, source.bounds(), 40.0, w, h)?,
+        ViewSpec::Camera { eye, target, up, fov } => {
+            let v = DVec3::from_array;
+            View::perspective(v(*eye), v(*target), v(*up), *fov, w, h)
+        }
+    };
+    view.validate()?;
+    let surfaces = d
+        .isovalues
+        .iter()
+        .enumerate()
+        .map(|(i, v)| Surface::isovalue(*v, i))
+        .collect();
+    Ok((source, surfaces, view))
+}
+
+fn view_words(v: &ViewSpec) -> String {
+    match v {
+        ViewSpec::Name(n) => n.clone(),
+        ViewSpec::Camera { eye, target, .. } => format!(
+            "from {}, {}, {} to {}, {}, {}",
+            eye[0], eye[1], eye[2], target[0], target[1], target[2]
+        ),
+    }
+}
+
+/// `256×256×256 samples, f32, 64.0 MiB`.
+fn data_words(s: &Source) -> String {
+    let mib = s.data.bytes() as f64 / f64::from(1 << 20);
+    match s.dims() {
+        Some([x, y, z]) => format!("{x}×{y}×{z} samples, {}, {mib:.1} MiB", s.type_name()),
+        None => format!("{} {}, {mib:.1} MiB", s.cells(), s.data.kind()),
+    }
+}
+
+/// Whether a method draws this reconstruction.
+fn draws(m: &dyn Method, reconstruction: &str) -> bool {
+    match m.info().knobs.iter().find(|k| k.name == "reconstruction").map(|k| k.kind) {
+        Some(KnobKind::Choice(words)) => words.contains(&reconstruction),
+        _ => reconstruction == ONLY,
+    }
+}
+
+/// One row to measure.
+struct Candidate {
+    row: usize,
+    entry: Entry,
+}
+
+impl Job<'_> {
+    /// The settings all rows of a method share.
+    pub(crate) fn knobs(m: &dyn Method, reconstruction: &str) -> Knobs {
+        let mut k = Knobs::default();
+        if has_knob(m, "reconstruction") {
+            k.set("reconstruction", reconstruction);
+        }
+        k
+    }
+
+    pub(crate) fn setup<'b>(&'b self, method: &'static dyn Method, knobs: Knobs, channels: Channels) -> Setup<'b> {
+        Setup {
+            method,
+            data: &self.source.data,
+            surfaces: self.surfaces,
+            medium: None,
+            view: self.view,
+            request: Request {
+                channels,
+                knobs,
+                ..Request::default()
+            },
+        }
+    }
+
+    fn comparison(&self, reconstruction: &str, methods: &[&'static dyn Method], stop: &Stop) -> Result<Comparison> {
+        let mut out = Comparison {
+            reconstruction: reconstruction.into(),
+            ..Comparison::default()
+        };
+        let wanted = &self.definition.methods;
+        let chosen: Vec<&'static dyn Method> = (methods.iter().copied())
+            .filter(|m| (wanted.is_empty() || wanted.iter().any(|w| w == m.info().id)) && draws(*m, reconstruction))
+            .collect();
+        let mut prepared: Vec<Prepared> = Vec::new();
+        let mut candidates = Vec::new();
+        for m in &chosen {
+            let base = Self::knobs(*m, reconstruction);
+            match run::prepare(&self.setup(*m, base.clone(), timed_channels(m.info()))) {
+                Err(e) => out.rows.push(refused(m.info(), &e.to_string())),
+                Ok(p) => {
+                    prepared.push(p);
+                    for (setting, default, knobs) in self.variants(*m, &base) {
+                        let entry = Entry {
+                            renderer: prepared.len() - 1,
+                            knobs: Some(knobs),
+                        };
+                        candidates.push(Candidate {
+                            row: out.rows.len(),
+                            entry,
+                        });
+                        out.rows.push(Row {
+                            setting,
+                            default,
+                            ..refused(m.info(), "not measured")
+                        });
+                    }
+                }
+            }
+        }
+        self.measure(&mut out, &mut prepared, &candidates, stop)?;
+        drop(prepared);
+        for m in &chosen {
+            if out
+                .rows
+                .iter()
+                .any(|r| r.method == m.info().id && r.default && r.reason.is_none())
+            {
+                self.work_map(&mut out, *m, reconstruction, stop)?;
+                out.models.extend(models::models(self, *m, reconstruction, &out.rows, stop));
+            }
+        }
+        self.failures(&mut out);
+        Ok(out)
+    }
+
+    /// The default setting and the sweep of a method, each once: text, whether it is the default, knobs.
+    fn variants(&self, m: &dyn Method, base: &Knobs) -> Vec<(String, bool, Knobs)> {
+        let own = self.definition.sweep.get(m.info().id);
+        let (knob, values): (&str, Vec<&str>) = match own {
+            Some(s) => (&s.knob, s.values.iter().map(String::as_str).collect()),
+            None => (m.info().sweep.0, m.info().sweep.1.to_vec()),
+        };
+        let resolved = |k: &Knobs| ResolvedKnobs::new(m.info().knobs, k).ok();
+        let mut out: Vec<_> = (values.iter())
+            .map(|v| {
+                let k = base.clone().with(knob, v);
+                (format!("{knob}={v}"), resolved(&k) == resolved(base), k)
+            })
+            .collect();
+        if !out.iter().any(|(_, default, _)| *default) {
+            out.insert(0, ("default".to_owned(), true, base.clone()));
+        }
+        out
+    }
+
+    fn measure(&self, out: &mut Comparison, prepared: &mut [Prepared], candidates: &[Candidate], stop: &Stop) -> Result<()> {
+        let entries: Vec<Entry> = candidates.iter().map(|c| c.entry.clone()).collect();
+        let mut checks: Vec<Option<Checked>> = vec![None; entries.len()];
+        let mut failed = None;
+        let rows = out.rows.clone();
+        let mut truth = Truth::default();
+        let mut pictures = Vec::new();
+        // Every frame is checked before it is timed.
+        let first = run::interleaved_with(prepared, &entries, Plan::repeats(1), stop, &mut |i, function, frame| {
+            let row = &rows[candidates[i].row];
+            let done = self.verify(&frame, function, row, out.reconstruction.as_str(), stop);
+            match done {
+                Ok((checked, t, p)) => {
+                    checks[i] = Some(checked);
+                    truth = t;
+                    pictures.extend(p);
+                }
+                Err(e) => failed = Some(e),
+            }
+            None
+        });
+        if let Some(e) = failed {
+            return Err(e);
+        }
+        (out.truth, out.pictures) = (truth, pictures);
+        let good: Vec<usize> = (0..first.len()).filter(|&i| first[i].is_ok()).collect();
+        let timed_entries: Vec<Entry> = good.iter().map(|&i| entries[i].clone()).collect();
+        let plan = Plan {
+            repeats: self.settings.repeats(),
+            warm_up: true,
+            budget: Some(self.settings.budget()),
+        };
+        let timed = run::interleaved_with(prepared, &timed_entries, plan, stop, &mut |_, _, _| None);
+        for (i, f) in first.iter().enumerate() {
+            if let Err(e) = f {
+                out.rows[candidates[i].row].reason = Some(e.to_string());
+            }
+        }
+        for (&i, t) in good.iter().zip(timed) {
+            let row = &mut out.rows[candidates[i].row];
+            match (t, &first[i], checks[i]) {
+                (Ok(t), Ok(f), Some(checked)) if t.digest == f.digest => fill(row, &t, checked),
+                (Ok(_), ..) => row.reason = Some("the timed image is not the checked one; its times are not reported".into()),
+                (Err(e), ..) => row.reason = Some(e.to_string()),
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks a frame; draws its pictures where it is that of a default setting.
+    fn verify(
+        &self,
+        frame: &Frame,
+        function: Option<&Arc<dyn Function>>,
+        row: &Row,
+        reconstruction: &str,
+        stop: &Stop,
+    ) -> Result<(Checked, Truth, Option<Pictures>)> {
+        let function = function.with_context(|| format!("{} tells no function to check against", row.method))?;
+        let start = Instant::now();
+        let truth = self
+            .truths
+            .get(function, self.surfaces, self.view, stop)
+            .context("the certified truth")?;
+        let seconds = start.elapsed().as_secs_f64();
+        let check =
+            isobar_oracle::check(frame, &truth, function, self.surfaces, self.view).with_context(|| row.method.clone())?;
+        let stages = truth.stages();
+        let facts = Truth {
+            pixels: truth.pixels.len() as u64,
+            hits: truth.hits() as u64,
+            undecidable: truth.undecidable() as u64,
+            stages: [stages.f64 as u64, stages.dd as u64, stages.exact as u64],
+            expected: self.expected(reconstruction),
+            seconds,
+        };
+        let checked = checked(&check, facts.hits);
+        let pictures = if row.default {
+            Some(self.pictures(frame, &check, row, reconstruction)?)
+        } else {
+            None
+        };
+        Ok((checked, facts, pictures))
+    }
+
+    /// Hits the definition demands, where the size is its own.
+    fn expected(&self, reconstruction: &str) -> Option<u64> {
+        let own = self.definition.size == [self.view.width, self.view.height];
+        self.definition.expect.get(reconstruction).filter(|_| own).map(|e| e.hits)
+    }
+
+    /// File name of a picture, relative to the page.
+    fn file(&self, row: &Row, reconstruction: &str, what: &str) -> String {
+        let method = row.method.replace('/', "-");
+        format!("files/{}/{reconstruction}-{method}-{what}.png", self.definition.id)
+    }
+
+    fn pictures(&self, frame: &Frame, check: &Check, row: &Row, reconstruction: &str) -> Result<Pictures> {
+        let out = Pictures {
+            method: row.method.clone(),
+            setting: row.setting.clone(),
+            image: self.file(row, reconstruction, "image"),
+            error: self.file(row, reconstruction, "error"),
+            ..Pictures::default()
+        };
+        self.write(&out.image, &output::frame_picture(frame))?;
+        self.write(&out.error, &checking::picture(check, frame.width, frame.height))?;
+        Ok(out)
+    }
+
+    fn write(&self, name: &str, picture: &output::Picture) -> Result<()> {
+        let path = self.settings.stage.join(name);
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+        }
+        output::write_picture(&path, picture)
+    }
+
+    /// The work of every pixel, in a rendering of its own: counting costs time.
+    fn work_map(&self, out: &mut Comparison, m: &'static dyn Method, reconstruction: &str, stop: &Stop) -> Result<()> {
+        if m.info().work_unit.is_empty() {
+            return Ok(());
+        }
+        let setup = self.setup(m, Self::knobs(m, reconstruction), Channels::T | Channels::WORK);
+        let drawn = run::prepare(&setup).and_then(|mut p| {
+            let mut frame = Frame::default();
+            p.render(stop)?;
+            p.renderer().read(&mut frame)?;
+            Ok(frame)
+        });
+        // A method that cannot count has no map; its other pictures stay.
+        let Ok(frame) = drawn else { return Ok(()) };
+        let Some((picture, most)) = output::work_picture(&frame) else {
+            return Ok(());
+        };
+        let total = frame.work.iter().map(|w| u64::from(*w)).sum();
+        let Some(row) = out.rows.iter_mut().find(|r| r.method == m.info().id && r.default) else {
+            return Ok(());
+        };
+        row.work = total;
+        m.info().work_unit.clone_into(&mut row.work_unit);
+        let name = self.file(row, reconstruction, "work");
+        self.write(&name, &picture)?;
+        if let Some(p) = out.pictures.iter_mut().find(|p| p.method == m.info().id) {
+            p.work = name;
+            p.work_most = f64::from(most);
+            m.info().work_unit.clone_into(&mut p.work_unit);
+        }
+        Ok(())
+    }
+
+    /// What is not as the definition says.
+    fn failures(&self, out: &mut Comparison) {
+        let mut lines = Vec::new();
+        let t = &out.truth;
+        if t.expected.is_some_and(|e| e != t.hits) {
+            lines.push(format!(
+                "the oracle finds {} hits, the definition demands {}",
+                t.hits,
+                t.expected.unwrap_or_default()
+            ));
+        }
+        // Wrong pixels are allowed at the definition's own size; four times as many pixels have four times as many.
+        let scale = (t.pixels / (self.definition.size[0] * self.definition.size[1]).max(1) as u64).max(1);
+        for r in out.rows.iter().filter(|r| r.default && r.reason.is_none()) {
+            let allow = self.definition.allowed(&r.method, &out.reconstruction);
+            let k = &r.checked;
+            let pairs = [
+                ("missed", k.missed, allow.missed),
+                ("false", k.false_hits, allow.false_hits),
+                ("on a wrong root", k.wrong_root, allow.wrong_root),
+                ("on a wrong surface", k.wrong_surface, allow.wrong_surface),
+                ("with refuted claims", k.refuted, 0),
+            ];
+            for (what, n, most) in pairs {
+                if n > most * scale {
+                    lines.push(format!("{} has {n} pixels {what}, {} allowed", r.method, most * scale));
+                }
+            }
+        }
+        if t.pixels > 0 && t.undecidable * 1000 > t.pixels && self.definition.group != "hard" {
+            let rate = 1e6 * t.undecidable as f64 / t.pixels as f64;
+            lines.push(format!("{rate:.0} pixels per million are undecidable, more than 1000: many rays graze the surface, or the isovalue is a data value"));
+        }
+        out.failures = lines;
+    }
+}
+
+/// Channels of a timed rendering: what a check and a picture need.
+pub(crate) fn timed_channels(info: &MethodInfo) -> Channels {
+    let wanted = Channels::T | Channels::NORMAL | Channels::SURFACE | Channels::RGBA;
+    if info.knobs.iter().any(|k| k.name == "claims") {
+        wanted | checking::CHANNELS
+    } else {
+        wanted
+    }
+}
+
+fn refused(info: &MethodInfo, reason: &str) -> Row {
+    Row {
+        method: info.id.into(),
+        setting: "default".into(),
+        default: true,
+        reason: Some(reason.into()),
+        ..Row::default()
+    }
+}
+
+fn fill(row: &mut Row, o: &run::Outcome, checked: Checked) {
+    row.reason = None;
+    row.wall = o.timings.render.into();
+    row.cpu = o.timings.cpu_render.into();
+    let device: Stat = o.timings.device_render.into();
+    row.device = (device.n > 0).then_some(device);
+    row.checked = checked;
+    let m = o.memory;
+    row.memory = [m.coefficients, m.index, m.view, m.device];
+}
+
+/// A check as plain numbers; errors of a frame without right hits are 0.
+pub(crate) fn checked(c: &Check, hits: u64) -> Checked {
+    let n = |x: usize| x as u64;
+    let spread = |q: &Quantiles| {
+        let f = |x: f64| if x.is_finite() { x } else { 0.0 };
+        Spread {
+            median: f(q.median),
+            p99: f(q.p99),
+            max: f(q.max),
+        }
+    };
+    Checked {
+        pixels: n(c.pixels),
+        hits,
+        missed: n(c.missed),
+        false_hits: n(c.false_hits),
+        wrong_root: n(c.wrong_root),
+        wrong_surface: n(c.wrong_surface),
+        refuted: n(c.refuted),
+        undecidable: n(c.undecidable),
+        unclaimed: n(c.unclaimed),
+        t_voxels: spread(&c.t_error_voxels),
+        t_pixels: spread(&c.t_error_pixels),
+        normal_deg: spread(&c.normal_error_deg),
+    }
+}
+
+/// Where certified frames are kept: under cargo's target folder.
+#[must_use]
+pub fn truth_folder(target: &Path) -> PathBuf {
+    target.join("isobar-truth")
+}
+
+#[cfg(test)]
+mod tests;

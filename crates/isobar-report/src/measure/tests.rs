@@ -1,0 +1,79 @@
+use super::*;
+
+fn definition(text: &str) -> Definition {
+    let mut d: Definition = toml::from_str(text).unwrap();
+    d.id = "test".into();
+    d.group = "curated".into();
+    d
+}
+
+fn settings(stage: &Path) -> Settings {
+    Settings {
+        root: stage.to_path_buf(),
+        stage: stage.to_path_buf(),
+        truths: stage.join("truths"),
+        full: false,
+    }
+}
+
+/// A small scene end to end: verified rows, pictures, models, and failures where the definition demands something else.
+#[test]
+fn a_small_scene_is_measured_and_verified() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = definition(
+        "title='Sphere'\ndata='synthetic:sphere,n=24'\nisovalues=[1]\nview='bench'\nsize=[48,36]\nanalysis='a'\n\
+         [sweep.'march/cpu']\nknob='step'\nvalues=['4','0.5']\n[expect.trilinear]\nhits=1",
+    );
+    let s = scene(
+        &d,
+        &[isobar::method("march/cpu").unwrap()],
+        &settings(dir.path()),
+        &Stop::default(),
+    )
+    .unwrap();
+    assert_eq!(s.skipped, None);
+    let c = &s.comparisons[0];
+    assert_eq!(c.rows.len(), 2);
+    assert!(
+        c.rows
+            .iter()
+            .all(|r| r.reason.is_none() && r.wall.n >= 1 && r.wall.median > 0.0)
+    );
+    let default = c.rows.iter().find(|r| r.default).unwrap();
+    assert_eq!(default.setting, "step=0.5");
+    assert!(default.checked.hits > 300 && default.checked.pixels == 48 * 36);
+    assert!(default.checked.t_voxels.max < 0.5, "{:?}", default.checked);
+    assert!(
+        c.failures.iter().any(|f| f.contains("the definition demands 1")),
+        "{:?}",
+        c.failures
+    );
+    let p = &c.pictures[0];
+    for file in [&p.image, &p.error, &p.work] {
+        assert!(dir.path().join(file).is_file(), "{file}");
+    }
+    let measured: Vec<&str> = c
+        .models
+        .iter()
+        .filter(|m| m.reason.is_none())
+        .map(|m| m.model.as_str())
+        .collect();
+    for model in ["open", "data", "isovalue", "view", "steady"] {
+        assert!(measured.contains(&model), "{model}: {:?}", c.models);
+    }
+}
+
+#[test]
+fn scenes_without_data_have_a_reason() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = definition("title='x'\ndata='bench-data/none.nrrd'\nisovalues=[1]\nanalysis='a'");
+    let s = scene(&d, &[], &settings(dir.path()), &Stop::default()).unwrap();
+    assert!(s.skipped.is_some_and(|r| r.contains("none.nrrd")));
+    let d = definition("title='x'\ndata='synthetic:nothing'\nisovalues=[1]\nanalysis='a'");
+    assert!(
+        scene(&d, &[], &settings(dir.path()), &Stop::default())
+            .unwrap()
+            .skipped
+            .is_some()
+    );
+}

@@ -1,0 +1,242 @@
+//! The section of one definition.
+
+use super::html::{Cell, anchor, bytes, count, escape, figure, image, ms, number, paragraphs, table};
+use super::swatch;
+use crate::plots;
+use crate::results::{Comparison, MODELS, Pictures, Row, Scene};
+use anyhow::Result;
+use std::fmt::Write;
+
+pub(super) fn scene(s: &Scene, methods: &[String]) -> Result<String> {
+    let mut out = String::new();
+    let values: Vec<String> = s.isovalues.iter().map(f64::to_string).collect();
+    let _ = writeln!(out, "<h3 id=\"{}\">{}</h3>", anchor(&s.id), escape(&s.title));
+    let _ = writeln!(
+        out,
+        "<p class=\"meta\">{} · isovalue {} · view {} · {} × {} pixels · definition <code>{}/{}.toml</code></p>",
+        escape(&s.data),
+        values.join(", "),
+        escape(&s.view),
+        s.size[0],
+        s.size[1],
+        escape(&s.group),
+        escape(&s.id)
+    );
+    out.push_str(&paragraphs(&s.analysis));
+    for c in &s.comparisons {
+        out.push_str(&comparison(s, c, methods)?);
+    }
+    Ok(out)
+}
+
+fn comparison(s: &Scene, c: &Comparison, methods: &[String]) -> Result<String> {
+    let mut out = String::new();
+    let t = &c.truth;
+    let _ = writeln!(out, "<h4>Reconstruction: {}</h4>", escape(&c.reconstruction));
+    let expected = match t.expected {
+        Some(e) if e == t.hits => ", as the definition demands".to_owned(),
+        Some(e) => format!(", <span class=\"bad\">not the {} the definition demands</span>", count(e)),
+        None => String::new(),
+    };
+    let _ = writeln!(
+        out,
+        "<p class=\"meta\">Truth: {} of {} pixels hit{expected}; {} undecidable; decided in f64 {}, double-double {}, exact {}.</p>",
+        count(t.hits),
+        count(t.pixels),
+        count(t.undecidable),
+        count(t.stages[0]),
+        count(t.stages[1]),
+        count(t.stages[2])
+    );
+    if !c.pictures.is_empty() {
+        for p in &c.pictures {
+            out.push_str(&pictures(s, p, methods));
+        }
+        out.push_str(LEGEND);
+    }
+    if let Some(chart) = plots::time_against_error(&c.rows, methods)? {
+        let names: Vec<String> = (methods.iter().enumerate())
+            .filter(|(_, m)| c.rows.iter().any(|r| r.method == **m && r.reason.is_none()))
+            .map(|(i, m)| format!("{}{}", swatch(i), escape(m)))
+            .collect();
+        let caption = format!(
+            "{}. Each point is one setting of the knob that is swept; lower left is better. Hollow: the frame has missed, false or wrong \
+             hits, which the error of right hits does not show.",
+            names.join(" &nbsp; ")
+        );
+        out.push_str(&figure(&chart, &caption));
+    }
+    out.push_str(&rows(c, methods));
+    out.push_str(&models(c, methods));
+    Ok(out)
+}
+
+/// What the colours of the error maps mean: those of `isobar::checking::picture`.
+const LEGEND: &str = "<p class=\"legend\">Error map: distance of right hits from the certified root, 10<sup>-6</sup> voxel or less <span \
+                      class=\"bar heat\"></span> 1 voxel, logarithmic; <span class=\"swatch\" style=\"background:#f0f\"></span>missed <span \
+                      class=\"swatch\" style=\"background:#f00\"></span>false <span class=\"swatch\" \
+                      style=\"background:#ff8c00\"></span>wrong root <span class=\"swatch\" style=\"background:#00dcff\"></span>wrong surface \
+                      <span class=\"swatch\" style=\"background:#000\"></span>refuted claim <span class=\"swatch\" \
+                      style=\"background:#969696\"></span>undecidable; white: no root, no hit.</p>\n";
+
+fn pictures(s: &Scene, p: &Pictures, methods: &[String]) -> String {
+    let colour = swatch(methods.iter().position(|m| *m == p.method).unwrap_or(0));
+    let name = format!("{colour}<b>{}</b> {}", escape(&p.method), escape(&p.setting));
+    let mut out = String::from("<div class=\"pictures\">");
+    out.push_str(&figure(
+        &image(&p.image, &format!("{} drawn by {}", s.title, p.method), s.size),
+        &format!("{name}: the picture"),
+    ));
+    out.push_str(&figure(
+        &image(&p.error, &format!("error map of {}", p.method), s.size),
+        "Error of every pixel",
+    ));
+    if !p.work.is_empty() {
+        let caption = format!(
+            "Work per pixel: 0 <span class=\"bar heat\"></span> {} {}",
+            number(p.work_most),
+            escape(&p.work_unit)
+        );
+        out.push_str(&figure(&image(&p.work, &format!("work of {}", p.method), s.size), &caption));
+    }
+    out.push_str("</div>\n");
+    out
+}
+
+fn rows(c: &Comparison, methods: &[String]) -> String {
+    let head = [
+        ("text", "method"),
+        ("text", "setting"),
+        ("", "frame<small>ms, ± MAD</small>"),
+        ("", "CPU<small>ms</small>"),
+        ("", "device<small>ms</small>"),
+        ("", "missed"),
+        ("", "false"),
+        ("", "wrong<small>root</small>"),
+        ("", "wrong<small>surface</small>"),
+        ("", "refuted"),
+        ("", "undecid-<small>able</small>"),
+        ("", "error, voxels<small>median</small>"),
+        ("", "<small>99 %</small>"),
+        ("", "<small>max</small>"),
+        ("", "normal, °<small>99 %</small>"),
+        ("", "memory"),
+        ("", "work<small>per pixel</small>"),
+    ];
+    let body: Vec<_> = c
+        .rows
+        .iter()
+        .map(|r| (if r.default { "default" } else { "" }, row(r, methods)))
+        .collect();
+    table(&head, &body)
+        + "<p class=\"note\">Tinted: the default setting. Memory: what the renderer holds beyond the data and the frame.</p>\n"
+}
+
+fn row(r: &Row, methods: &[String]) -> Vec<Cell> {
+    let i = methods.iter().position(|m| *m == r.method).unwrap_or(0);
+    let mut cells = vec![
+        Cell::with("text", format!("{}{}", swatch(i), escape(&r.method))),
+        Cell::text(&r.setting),
+    ];
+    if let Some(reason) = &r.reason {
+        cells.push(Cell::with("reason", escape(reason)));
+        return cells;
+    }
+    let k = &r.checked;
+    cells.push(Cell::new(format!("{} ± {}", ms(r.wall.median), ms(r.wall.mad))));
+    cells.push(Cell::new(ms(r.cpu.median)));
+    cells.push(Cell::new(r.device.map_or_else(String::new, |d| ms(d.median))));
+    for n in [k.missed, k.false_hits, k.wrong_root, k.wrong_surface, k.refuted] {
+        cells.push(Cell::count(n, true));
+    }
+    cells.push(Cell::count(k.undecidable, false));
+    for x in [k.t_voxels.median, k.t_voxels.p99, k.t_voxels.max, k.normal_deg.p99] {
+        cells.push(Cell::new(number(x)));
+    }
+    cells.push(Cell::new(bytes(r.memory.iter().sum())));
+    let work = if r.work_unit.is_empty() {
+        String::new()
+    } else {
+        format!(
+            "{}<small>{}</small>",
+            number(r.work as f64 / k.pixels.max(1) as f64),
+            escape(&r.work_unit)
+        )
+    };
+    cells.push(Cell::new(work));
+    cells
+}
+
+/// The time models: one row per method, one column per model.
+fn models(c: &Comparison, methods: &[String]) -> String {
+    if c.models.is_empty() {
+        return String::new();
+    }
+    let titles: Vec<String> = MODELS
+        .iter()
+        .map(|(m, about)| format!("{m}<small>{}</small>", escape(about)))
+        .collect();
+    let mut head = vec![("text", "ms, wall clock")];
+    head.extend(titles.iter().map(|t| ("wrap", t.as_str())));
+    let mut names: Vec<&str> = c.models.iter().map(|m| m.method.as_str()).collect();
+    names.dedup();
+    let body: Vec<_> = (names.iter())
+        .map(|name| {
+            let i = methods.iter().position(|m| m == name).unwrap_or(0);
+            let mut cells = vec![Cell::with("text", format!("{}{}", swatch(i), escape(name)))];
+            for (model, _) in MODELS {
+                let found = c.models.iter().find(|m| m.method == *name && m.model == model);
+                cells.push(match found {
+                    Some(m) if m.reason.is_some() => Cell::with("reason", escape(m.reason.as_deref().unwrap_or_default())),
+                    Some(m) => Cell::new(format!(
+                        "{} ± {}<small>CPU {}; {}</small>",
+                        ms(m.wall.median),
+                        ms(m.wall.mad),
+                        ms(m.cpu.median),
+                        escape(&m.verified)
+                    )),
+                    None => Cell::new(""),
+                });
+            }
+            ("", cells)
+        })
+        .collect();
+    format!(
+        "<p class=\"note\">Time models at the default setting; they are different questions and are never ranked together.</p>\n{}",
+        table(&head, &body)
+    )
+}
+
+/// Time against resolution over the definitions of a sweep, at default settings and the first reconstruction.
+pub(super) fn growth(scenes: &[&Scene], methods: &[String]) -> Result<String> {
+    let series: Vec<(usize, Vec<(f64, f64)>)> = (methods.iter().enumerate())
+        .map(|(i, m)| {
+            let mut points: Vec<(f64, f64)> = (scenes.iter())
+                .filter_map(|s| {
+                    let n = s.data.split(['×', ' ']).next()?.parse::<f64>().ok()?;
+                    let row = s
+                        .comparisons
+                        .first()?
+                        .rows
+                        .iter()
+                        .find(|r| r.method == *m && r.default && r.reason.is_none())?;
+                    Some((n, row.wall.median * 1e3))
+                })
+                .collect();
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            (i, points)
+        })
+        .filter(|(_, p)| !p.is_empty())
+        .collect();
+    let Some(chart) = plots::growth(&series)? else {
+        return Ok(String::new());
+    };
+    let names: Vec<String> = series
+        .iter()
+        .map(|(i, _)| format!("{}{}", swatch(*i), escape(&methods[*i])))
+        .collect();
+    Ok(figure(
+        &chart,
+        &format!("{}. Time of one frame at the default setting.", names.join(" &nbsp; ")),
+    ))
+}

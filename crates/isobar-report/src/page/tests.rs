@@ -1,0 +1,119 @@
+use super::*;
+use crate::results::{
+    Checked, Comparison, Matrix, MatrixRow, MatrixTable, Pictures, Row, Scene, Spread, Stat, Truth, Verdict, VerdictKind,
+};
+
+fn row(method: &str, setting: &str, seconds: f64, missed: u64) -> Row {
+    Row {
+        method: method.into(),
+        setting: setting.into(),
+        wall: Stat {
+            median: seconds,
+            mad: 0.001,
+            n: 5,
+        },
+        checked: Checked {
+            pixels: 1000,
+            hits: 400,
+            missed,
+            t_voxels: Spread {
+                median: 1e-7,
+                p99: 1e-4,
+                max: 1e-3,
+            },
+            ..Checked::default()
+        },
+        ..Row::default()
+    }
+}
+
+fn report() -> Report {
+    let mut refused = row("c/gpu", "step=1", 0.0, 0);
+    refused.reason = Some("no adapter <here>".into());
+    let comparison = Comparison {
+        reconstruction: "trilinear".into(),
+        truth: Truth {
+            pixels: 1000,
+            hits: 400,
+            expected: Some(401),
+            ..Truth::default()
+        },
+        rows: vec![
+            row("a/cpu", "step=2", 0.010, 9),
+            row("a/cpu", "step=1", 0.020, 0),
+            row("b/cpu", "", 0.015, 0),
+            refused,
+        ],
+        pictures: vec![Pictures {
+            method: "a/cpu".into(),
+            image: "files/x.png".into(),
+            error: "files/e.png".into(),
+            ..Pictures::default()
+        }],
+        failures: vec!["the oracle found 400 hits, the definition demands 401".into()],
+        ..Comparison::default()
+    };
+    let scene = |id: &str, comparisons, skipped: Option<&str>| Scene {
+        id: id.into(),
+        group: "curated".into(),
+        title: format!("Scene {id}"),
+        analysis: "It shows <something>.".into(),
+        size: [40, 25],
+        skipped: skipped.map(String::from),
+        comparisons,
+        ..Scene::default()
+    };
+    Report {
+        command: "cargo xtask report --only <x>".into(),
+        scenes: vec![
+            scene("one", vec![comparison], None),
+            scene("two", vec![], Some("ISOBAR_DATA is not set")),
+        ],
+        hard: Matrix {
+            tables: vec![MatrixTable {
+                title: "Polynomials".into(),
+                columns: vec!["clip".into()],
+                rows: vec![MatrixRow {
+                    id: "A2".into(),
+                    cells: vec![Verdict {
+                        kind: VerdictKind::Known,
+                        given: "none".into(),
+                    }],
+                    ..MatrixRow::default()
+                }],
+            }],
+        },
+        ..Report::default()
+    }
+}
+
+#[test]
+fn the_page_says_who_wins_and_what_failed() {
+    let p = page(&report()).unwrap();
+    // at no wrong pixel the slower setting of a loses to b
+    assert!(
+        p.contains("No wrong pixel, all within 0.1 voxel: of 1 comparisons, <b>b/cpu</b> is fastest in 1."),
+        "{p}"
+    );
+    assert!(
+        p.contains("A picture: at most 1000 wrong pixels per million, 99 % within 0.1 voxel: of 1 comparisons, <b>b/cpu</b>")
+    );
+    assert!(p.contains("the oracle found 400 hits"));
+    assert!(p.contains("no adapter &lt;here&gt;"));
+    assert!(p.contains("ISOBAR_DATA is not set"));
+    assert!(p.contains("known failure"));
+}
+
+#[test]
+fn the_page_needs_no_network_and_escapes_what_it_is_given() {
+    let p = page(&report()).unwrap();
+    for remote in ["http://", "https://", "<script", "@import", "url("] {
+        // the name space of SVG is not fetched
+        let rest = p.replace("http://www.w3.org/2000/svg", "");
+        assert!(!rest.contains(remote), "{remote}");
+    }
+    assert!(p.contains("It shows &lt;something&gt;."));
+    assert!(p.contains("--only &lt;x&gt;"));
+    assert_eq!(p.matches("<table>").count(), p.matches("</table>").count());
+    assert_eq!(p.matches("<figure>").count(), p.matches("</figure>").count());
+}

@@ -1,0 +1,182 @@
+//! One CSV per method: every number of the page, and the reasons where there is none.
+
+use crate::page::csv_name;
+use crate::results::{Comparison, Report, Row, Scene, Stat};
+use anyhow::{Context, Result};
+use std::path::Path;
+
+/// Columns of the tables. Times are seconds, errors voxels, angles degrees, memory bytes.
+const COLUMNS: [&str; 41] = [
+    "scene",
+    "group",
+    "data_sha256",
+    "isovalues",
+    "view",
+    "width",
+    "height",
+    "reconstruction",
+    "method",
+    "setting",
+    "default",
+    "model",
+    "error",
+    "wall_median",
+    "wall_mad",
+    "samples",
+    "cpu_median",
+    "cpu_mad",
+    "device_median",
+    "pixels",
+    "hits",
+    "missed",
+    "false",
+    "wrong_root",
+    "wrong_surface",
+    "refuted",
+    "undecidable",
+    "unclaimed",
+    "t_median",
+    "t_p99",
+    "t_max",
+    "t_pixels_p99",
+    "normal_median",
+    "normal_p99",
+    "normal_max",
+    "memory_coefficients",
+    "memory_index",
+    "memory_view",
+    "memory_device",
+    "work",
+    "revision",
+];
+
+/// Writes a table per method into `folder`.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write(r: &Report, folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+    let mut methods: Vec<&str> = rows(r).map(|(_, _, row)| row.method.as_str()).collect();
+    methods.sort_unstable();
+    methods.dedup();
+    for m in methods {
+        let path = folder.join(csv_name(m));
+        let mut w = csv::Writer::from_path(&path).with_context(|| format!("{} cannot be written", path.display()))?;
+        w.write_record(COLUMNS)?;
+        for (s, c, row) in rows(r).filter(|(_, _, row)| row.method == m) {
+            w.write_record(line(s, c, row, &r.revision))?;
+        }
+        for (s, c) in r.scenes.iter().flat_map(|s| s.comparisons.iter().map(move |c| (s, c))) {
+            for model in c.models.iter().filter(|x| x.method == m) {
+                let row = Row {
+                    method: m.into(),
+                    setting: "default".into(),
+                    default: true,
+                    reason: model.reason.clone(),
+                    wall: model.wall,
+                    cpu: model.cpu,
+                    ..Row::default()
+                };
+                let mut fields = line(s, c, &row, &r.revision);
+                fields[11].clone_from(&model.model);
+                // A model's frames are verified on rays, not pixel by pixel: no counts.
+                fields[19..40].iter_mut().for_each(String::clear);
+                w.write_record(fields)?;
+            }
+        }
+        w.flush()?;
+    }
+    Ok(())
+}
+
+fn rows(r: &Report) -> impl Iterator<Item = (&Scene, &Comparison, &Row)> {
+    r.scenes.iter().flat_map(|s| {
+        s.comparisons
+            .iter()
+            .flat_map(move |c| c.rows.iter().map(move |row| (s, c, row)))
+    })
+}
+
+fn line(s: &Scene, c: &Comparison, r: &Row, revision: &str) -> Vec<String> {
+    let isovalues: Vec<String> = s.isovalues.iter().map(f64::to_string).collect();
+    let mut out: Vec<String> = vec![
+        s.id.clone(),
+        s.group.clone(),
+        s.data_hash.clone(),
+        isovalues.join(" "),
+        s.view.clone(),
+        s.size[0].to_string(),
+        s.size[1].to_string(),
+        c.reconstruction.clone(),
+        r.method.clone(),
+        r.setting.clone(),
+        r.default.to_string(),
+        "steady".into(),
+        r.reason.clone().unwrap_or_default(),
+    ];
+    if r.reason.is_some() {
+        out.resize(COLUMNS.len() - 1, String::new());
+        out.push(revision.to_owned());
+        return out;
+    }
+    let number = |x: f64| format!("{x:e}");
+    let device = r.device.map_or_else(String::new, |d: Stat| number(d.median));
+    let k = &r.checked;
+    out.extend([
+        number(r.wall.median),
+        number(r.wall.mad),
+        r.wall.n.to_string(),
+        number(r.cpu.median),
+        number(r.cpu.mad),
+        device,
+    ]);
+    let counts = [
+        k.pixels,
+        k.hits,
+        k.missed,
+        k.false_hits,
+        k.wrong_root,
+        k.wrong_surface,
+        k.refuted,
+        k.undecidable,
+        k.unclaimed,
+    ];
+    out.extend(counts.map(|n| n.to_string()));
+    out.extend([k.t_voxels.median, k.t_voxels.p99, k.t_voxels.max, k.t_pixels.p99].map(number));
+    out.extend([k.normal_deg.median, k.normal_deg.p99, k.normal_deg.max].map(number));
+    out.extend(r.memory.map(|n| n.to_string()));
+    out.push(r.work.to_string());
+    out.push(revision.to_owned());
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_has_every_column_and_reasons_are_kept() {
+        let row = |reason: Option<&str>| Row {
+            method: "a/cpu".into(),
+            reason: reason.map(String::from),
+            ..Row::default()
+        };
+        let r = Report {
+            scenes: vec![Scene {
+                comparisons: vec![Comparison {
+                    rows: vec![row(None), row(Some("no adapter"))],
+                    ..Comparison::default()
+                }],
+                ..Scene::default()
+            }],
+            ..Report::default()
+        };
+        let dir = tempfile::tempdir().unwrap();
+        write(&r, dir.path()).unwrap();
+        let mut reader = csv::Reader::from_path(dir.path().join("a-cpu.csv")).unwrap();
+        let lines: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+        assert_eq!(lines.len(), 2);
+        assert_eq!(&lines[1][12], "no adapter");
+        assert!(lines.iter().all(|l| l.len() == COLUMNS.len()));
+    }
+}

@@ -1,0 +1,334 @@
+//! What every method must do, whatever it is: the same checks for all, through the traits only.
+
+use isobar_core::{
+    Camera, Channels, Data, DVec3, DataKind, Frame, Grid, KnobKind, Knobs, Method, NO_SURFACE, Ray, RenderError, Renderer, Request, Samples,
+    Scene, Stage, Stop, Surface, SurfaceKind, TransferFunction, View,
+};
+use isobar_fields::Synthetic;
+use isobar_oracle::Truth;
+use std::sync::Arc;
+
+/// Methods that can start here; the others are said and counted as skipped.
+fn methods(test: &str) -> Vec<&'static dyn Method> {
+    let mut out = Vec::new();
+    for m in isobar::methods() {
+        match m.open(&Request::default()) {
+            Ok(_) => out.push(m),
+            Err(e) if m.info().gpu => {
+                assert!(std::env::var_os("CI").is_none(), "{}: {e}: a missing adapter is a failure under CI", m.info().id);
+                println!("SKIPPED: {test} for {}: {e}", m.info().id);
+            }
+            Err(e) => panic!("{} does not start: {e}", m.info().id),
+        }
+    }
+    out
+}
+
+fn synthetic(spec: &str) -> Arc<Data> {
+    Arc::new(spec.parse::<Synthetic>().expect("spec").data().expect("data"))
+}
+
+fn grid(dims: [usize; 3], f: impl Fn(f64, f64, f64) -> f64) -> Arc<Data> {
+    let mut v = Vec::new();
+    for k in 0..dims[2] {
+        for j in 0..dims[1] {
+            for i in 0..dims[0] {
+                v.push(f(i as f64, j as f64, k as f64) as f32);
+            }
+        }
+    }
+    Arc::new(Data::Grid(Grid::unit(dims, Samples::F32(v.into())).expect("grid")))
+}
+
+const ALL: Channels = Channels::all();
+
+fn request(knobs: Knobs) -> Request {
+    Request { channels: ALL, layers: 3, knobs, ..Request::default() }
+}
+
+fn open(m: &dyn Method, r: &Request) -> Box<dyn Renderer> {
+    m.open(r).unwrap_or_else(|e| panic!("{}: {e}", m.info().id))
+}
+
+fn draw(m: &dyn Method, r: &Request, data: &Arc<Data>, surfaces: &[Surface], view: &View) -> (Frame, Box<dyn Renderer>) {
+    let id = m.info().id;
+    let mut renderer = open(m, r);
+    renderer.set_data(data).unwrap_or_else(|e| panic!("{id}: {e}"));
+    renderer.set_surfaces(surfaces).unwrap_or_else(|e| panic!("{id}: {e}"));
+    renderer.set_view(view).unwrap_or_else(|e| panic!("{id}: {e}"));
+    renderer.render(&Stop::default()).unwrap_or_else(|e| panic!("{id}: {e}"));
+    let mut frame = Frame::default();
+    renderer.read(&mut frame).unwrap_or_else(|e| panic!("{id}: {e}"));
+    (frame, renderer)
+}
+
+#[test]
+fn infos_are_complete_and_ids_unique() {
+    let mut seen = std::collections::BTreeSet::new();
+    for m in isobar::methods() {
+        let i = m.info();
+        assert!(seen.insert(i.id), "{} is listed twice", i.id);
+        assert!(i.id.split('/').count() == 2 && !i.summary.is_empty() && !i.work_unit.is_empty(), "{}", i.id);
+        assert_eq!(i.id.contains("/gpu"), i.gpu, "{}", i.id);
+        assert!(!i.data.is_empty());
+        for k in i.knobs {
+            assert!(!k.doc.is_empty(), "{}: knob {} has no text", i.id, k.name);
+            if let KnobKind::Choice(words) = k.kind {
+                assert!(!words.is_empty());
+            }
+        }
+        if !i.sweep.0.is_empty() {
+            assert!(i.sweep.1.len() >= 2, "{}: a sweep has at least two settings", i.id);
+            for v in i.sweep.1 {
+                isobar_core::ResolvedKnobs::new(i.knobs, &Knobs::default().with(i.sweep.0, v)).unwrap_or_else(|e| panic!("{}: {e}", i.id));
+            }
+        }
+    }
+    for id in ["march/cpu", "mc/cpu"] {
+        assert!(seen.contains(id), "{id} is missing from the list");
+    }
+    #[cfg(feature = "gpu")]
+    assert!(seen.contains("march/gpu"));
+}
+
+#[test]
+fn rendering_before_the_scene_is_an_error() {
+    for m in methods("rendering_before_the_scene_is_an_error") {
+        let id = m.info().id;
+        let mut r = open(m, &Request::default());
+        assert!(matches!(r.read(&mut Frame::default()), Err(RenderError::NotReady(_))), "{id}");
+        assert!(matches!(r.render(&Stop::default()), Err(RenderError::NotReady(_))), "{id}");
+        assert!(r.reconstruction(Stage::Stored).is_none(), "{id}");
+        r.set_view(&View::bench(4, 4)).expect(id);
+        assert!(matches!(r.render(&Stop::default()), Err(RenderError::NotReady(_))), "{id}");
+    }
+}
+
+#[test]
+fn setters_come_in_any_order_and_may_be_repeated() {
+    let data = synthetic("sphere,n=17");
+    let other = grid([9, 8, 7], |x, _, _| x);
+    let surfaces = [Surface::isovalue(1.0, 0)];
+    let view = View::bench(24, 20);
+    for m in methods("setters_come_in_any_order_and_may_be_repeated") {
+        let id = m.info().id;
+        let (want, _) = draw(m, &request(Knobs::default()), &data, &surfaces, &view);
+        let mut r = open(m, &request(Knobs::default()));
+        r.set_view(&View::bench(7, 3)).expect(id);
+        r.set_surfaces(&[Surface::isovalue(3.5, 0)]).expect(id);
+        r.set_data(&other).expect(id);
+        r.render(&Stop::default()).expect(id);
+        r.set_view(&view).expect(id);
+        r.set_data(&data).expect(id);
+        r.set_surfaces(&surfaces).expect(id);
+        r.set_medium(None).expect(id);
+        for _ in 0..2 {
+            r.render(&Stop::default()).expect(id);
+            let mut got = Frame::default();
+            r.read(&mut got).expect(id);
+            assert!(got == want, "{id}: another order of setters gives another frame");
+        }
+    }
+}
+
+#[test]
+fn what_a_method_cannot_do_is_an_answer() {
+    let view = View::bench(8, 8);
+    let hexes = synthetic("sphere,n=3,as=hexes");
+    let data = synthetic("sphere,n=9");
+    let surface = [Surface::isovalue(1.0, 0)];
+    let parametric = [Surface { kind: SurfaceKind::Parameter { axis: 0, value: 0.5 }, ..surface[0] }];
+    let tf = TransferFunction { points: vec![(0.0, [1.0; 3], 0.1), (1.0, [1.0; 3], 0.2)], unit: 1.0 };
+    for m in isobar::methods() {
+        let id = m.info().id;
+        let r = Request::default();
+        let scene = Scene { data: &data, surfaces: &surface, medium: None, view: &view };
+        if m.info().data.contains(DataKind::GRID) {
+            m.supports(&scene, &r).expect(id);
+        }
+        if !m.info().data.contains(DataKind::HEXES) {
+            let e = m.supports(&Scene { data: &hexes, ..scene }, &r).expect_err(id).to_string();
+            assert!(e.contains(id) && e.contains("hexes"), "{e}");
+            assert!(m.supports(&Scene { surfaces: &parametric, ..scene }, &r).is_err(), "{id}");
+        }
+        if m.info().hits && m.supports(&Scene { medium: Some(&tf), ..scene }, &r).is_err() {
+            let e = m.supports(&Scene { medium: Some(&tf), ..scene }, &r).expect_err(id).to_string();
+            assert!(e.contains(id) && !e.contains('\n'), "{e}");
+        }
+    }
+}
+
+#[test]
+fn useless_input_is_refused_without_a_panic() {
+    let mut bad = vec![0.0f32; 27];
+    bad[13] = f32::NAN;
+    let nan = Arc::new(Data::Grid(Grid::unit([3, 3, 3], Samples::F32(bad.into())).expect("grid")));
+    let flat = Arc::new(Data::Grid(Grid::unit([5, 5, 1], Samples::U8(vec![0; 25].into())).expect("grid")));
+    let hexes = synthetic("sphere,n=3,as=hexes");
+    for m in methods("useless_input_is_refused_without_a_panic") {
+        let id = m.info().id;
+        let mut r = open(m, &Request::default());
+        let e = r.set_data(&nan).expect_err(id).to_string();
+        assert!(e.contains("NaN"), "{id}: {e}");
+        assert!(r.set_data(&flat).is_err(), "{id}: a slice one sample thick has no volume");
+        if !m.info().data.contains(DataKind::HEXES) {
+            assert!(matches!(r.set_data(&hexes), Err(RenderError::Unsupported(_))), "{id}");
+        }
+        assert!(matches!(r.set_view(&View::bench(0, 8)), Err(RenderError::View(_))), "{id}");
+        assert!(r.set_knobs(&Knobs::default().with("no-such-knob", 1)).is_err(), "{id}");
+        assert!(m.open(&Request { knobs: Knobs::default().with("no-such-knob", 1), ..Request::default() }).is_err(), "{id}");
+        assert!(r.set_surfaces(&[Surface::isovalue(f64::NAN, 0)]).is_err(), "{id}: NaN is no isovalue");
+    }
+}
+
+#[test]
+fn a_plane_is_hit_where_it_is() {
+    // hardcases B14: every reconstruction reproduces linear fields away from clamped borders.
+    let data = grid([20, 20, 20], |x, y, z| 2.0 * x - y + 0.5 * z);
+    let n = DVec3::new(2.0, -1.0, 0.5);
+    let surface = [Surface::isovalue(14.0, 0)];
+    let view = View::fit(data.bounds(), 30.0, 40, 30);
+    for m in methods("a_plane_is_hit_where_it_is") {
+        let (f, _) = draw(m, &request(Knobs::default()), &data, &surface, &view);
+        let mut hits = 0;
+        for y in 0..30 {
+            for x in 0..40 {
+                let (i, ray) = (y * 40 + x, view.ray(x, y));
+                let t = (14.0 - n.dot(ray.origin)) / n.dot(ray.direction);
+                let p = ray.at(t);
+                // half a cell of doubt at the faces of the box
+                let inside = p.cmpgt(DVec3::splat(0.5)).all() && p.cmplt(DVec3::splat(18.5)).all();
+                let outside = p.cmplt(DVec3::splat(-0.5)).any() || p.cmpgt(DVec3::splat(19.5)).any();
+                if inside {
+                    hits += 1;
+                    assert!((f.t[i] - t).abs() < 2e-3, "{} pixel {x},{y}: {} instead of {t}", m.info().id, f.t[i]);
+                    assert!((f.point[i] - p).length() < 2e-3, "{}", m.info().id);
+                    let normal = DVec3::from_array(f.normal[i].map(f64::from));
+                    assert!((normal - n.normalize()).length() < 1e-5, "{} pixel {x},{y}: normal {normal}", m.info().id);
+                    assert_eq!((f.surface[i], f.hits[i]), (0, 1));
+                    assert!((f.rgba[i][3] - 1.0).abs() < 1e-6);
+                } else if outside {
+                    assert_eq!((f.t[i], f.surface[i], f.hits[i]), (f64::INFINITY, NO_SURFACE, 0), "{} pixel {x},{y}", m.info().id);
+                    assert_eq!(f.rgba[i], [0.0; 4]);
+                }
+            }
+        }
+        assert!(hits > 100, "the test saw {hits} pixels only");
+    }
+}
+
+#[test]
+fn an_isovalue_outside_the_range_gives_an_empty_image() {
+    let data = synthetic("gyroid,n=24");
+    for m in methods("an_isovalue_outside_the_range_gives_an_empty_image") {
+        for c in [1e9, -1e9, 2.0] {
+            let (f, _) = draw(m, &request(Knobs::default()), &data, &[Surface::isovalue(c, 0)], &View::bench(33, 17));
+            assert!(f.t.iter().all(|t| t.is_infinite()) && f.hits.iter().all(|&h| h == 0), "{} at {c}", m.info().id);
+        }
+        let (f, _) = draw(m, &request(Knobs::default()), &data, &[], &View::bench(33, 17));
+        assert!(f.surface.iter().all(|&s| s == NO_SURFACE), "{} without surfaces", m.info().id);
+    }
+}
+
+#[test]
+fn frames_do_not_depend_on_the_number_of_threads() {
+    let data = synthetic("marschner-lobb,n=24");
+    let s = [Surface::isovalue(0.5, 0)];
+    for m in methods("frames_do_not_depend_on_the_number_of_threads") {
+        let with = |threads| draw(m, &Request { threads, ..request(Knobs::default()) }, &data, &s, &View::bench(61, 43)).0;
+        assert!(with(1) == with(2), "{}", m.info().id);
+    }
+}
+
+#[test]
+fn layers_are_in_order_and_each_surface_is_seen() {
+    // Three nested spheres; the outer ones let light through, one is invisible.
+    let data = synthetic("sphere,n=65");
+    let mut s = [0.25, 0.64, 1.0, 0.81].map(|c| Surface::isovalue(c, 0));
+    s[1].opacity = 0.5;
+    s[2].opacity = 0.25;
+    s[3].opacity = 0.0;
+    let view = View { camera: Camera::Orthographic { eye: DVec3::new(0.0, -4.0, 0.0), target: DVec3::ZERO, up: DVec3::Z, height: 2.5 }, width: 5, height: 5, clips: vec![] };
+    for m in methods("layers_are_in_order_and_each_surface_is_seen") {
+        let id = m.info().id;
+        let (f, _) = draw(m, &request(Knobs::default()), &data, &s, &view);
+        let n = 25;
+        let middle = 12;
+        let layer: Vec<_> = (0..3).map(|l| (f.t[l * n + middle], f.surface[l * n + middle])).collect();
+        for (l, (want, surface)) in [(3.0, 2), (3.2, 1), (3.5, 0)].into_iter().enumerate() {
+            assert!((layer[l].0 - want).abs() < 5e-3 && layer[l].1 == surface, "{id}: layers {layer:?}");
+        }
+        assert!(f.hits[middle] >= 3, "{id}: {} hits", f.hits[middle]);
+        // 1 - (1 - .25)(1 - .5)(1 - 1) = 1
+        assert!((f.rgba[middle][3] - 1.0).abs() < 1e-5, "{id}: alpha {}", f.rgba[middle][3]);
+    }
+}
+
+#[test]
+fn reversing_the_camera_moves_no_surface() {
+    // asks 5, 18: the same ray backwards sees the last root first, with the same normal.
+    let data = synthetic("torus,n=48");
+    let s = [Surface::isovalue(0.0, 0)];
+    let forward: Vec<Ray> = (0..64)
+        .map(|i| {
+            let a = f64::from(i) * 0.098;
+            Ray { origin: DVec3::new(3.0 * a.cos(), 3.0 * a.sin(), 0.03), direction: DVec3::new(-a.cos(), -a.sin(), 0.0) }
+        })
+        .collect();
+    let back: Vec<Ray> = forward.iter().map(|r| Ray { origin: r.at(6.0), direction: -r.direction }).collect();
+    for m in methods("reversing_the_camera_moves_no_surface") {
+        let id = m.info().id;
+        let rq = Request { layers: 8, ..request(Knobs::default()) };
+        let (a, _) = draw(m, &rq, &data, &s, &View::rays(forward.clone()));
+        let (b, _) = draw(m, &rq, &data, &s, &View::rays(back.clone()));
+        for i in 0..64 {
+            assert_eq!(a.hits[i], b.hits[i], "{id}: ray {i}");
+            assert_eq!(a.hits[i], 4, "{id}: the torus is crossed four times");
+            for l in 0..4 {
+                let (p, q) = (l * 64 + i, (3 - l) * 64 + i);
+                assert!((a.t[p] - (6.0 - b.t[q])).abs() < 1e-3, "{id}: ray {i} layer {l}");
+                let d = DVec3::from_array(a.normal[p].map(f64::from)).dot(DVec3::from_array(b.normal[q].map(f64::from)));
+                assert!(d > 0.999, "{id}: normals turn with the camera");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_raised_stop_ends_the_frame() {
+    let data = synthetic("gyroid,n=64");
+    for m in methods("a_raised_stop_ends_the_frame") {
+        let mut r = open(m, &Request::default());
+        r.set_data(&data).expect("data");
+        r.set_surfaces(&[Surface::isovalue(0.2, 0)]).expect("surfaces");
+        r.set_view(&View::bench(320, 240)).expect("view");
+        let stop = Stop::default();
+        stop.raise();
+        assert_eq!(r.render(&stop), Err(RenderError::Stopped), "{}", m.info().id);
+        r.render(&Stop::default()).unwrap_or_else(|e| panic!("{} cannot go on: {e}", m.info().id));
+    }
+}
+
+#[test]
+fn real_data_agree_with_the_oracle() {
+    // Not "no error": the rulers are wrong by design. But what they get wrong stays below what their docs say, on data with sharp detail.
+    let source = isobar::source::open(
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../bench-data/ch2.nii.gz"),
+        &isobar::source::Options::default(),
+    )
+    .expect("the shipped head reads");
+    let surfaces = [Surface::isovalue(30.5, 0)];
+    let view = View::fit(source.data.bounds(), 40.0, 96, 72);
+    for m in methods("real_data_agree_with_the_oracle") {
+        let id = m.info().id;
+        let (frame, r) = draw(m, &request(Knobs::default()), &source.data, &surfaces, &view);
+        let f = r.reconstruction(Stage::Stored).expect("it drew something");
+        let truth = Truth::compute(&f, &surfaces, &view, &Stop::default()).expect("truth");
+        let check = isobar_oracle::check(&frame, &truth, &f, &surfaces, &view).expect("check");
+        assert_eq!(check.pixels, 96 * 72, "{id}");
+        assert!(check.hits > 1500, "{id}: the head fills the view: {}", check.hits);
+        let wrong = check.missed + check.false_hits + check.wrong_root + check.wrong_surface;
+        assert!(wrong * 20 < check.hits, "{id}: {wrong} wrong of {}", check.hits);
+        assert_eq!(check.refuted, 0, "{id}");
+    }
+}
