@@ -283,7 +283,7 @@ fn reversing_the_camera_moves_no_surface() {
         let (b, _) = draw(m, &rq, &data, &s, &View::rays(back.clone()));
         for i in 0..64 {
             assert_eq!(a.hits[i], b.hits[i], "{id}: ray {i}");
-            assert_eq!(a.hits[i], 4, "{id}: the torus is crossed four times");
+            assert_eq!(a.hits[i], 4, "{id}: ray {i} crosses the torus four times");
             for l in 0..4 {
                 let (p, q) = (l * 64 + i, (3 - l) * 64 + i);
                 assert!((a.t[p] - (6.0 - b.t[q])).abs() < 1e-3, "{id}: ray {i} layer {l}");
@@ -314,7 +314,7 @@ fn real_data_agree_with_the_oracle() {
     // Not "no error": the rulers are wrong by design. But what they get wrong stays below what their docs say, on data with sharp detail.
     let source = isobar::source::open(
         concat!(env!("CARGO_MANIFEST_DIR"), "/../bench-data/ch2.nii.gz"),
-        &isobar::source::Options::default(),
+        &isobar_io::Options::default(),
     )
     .expect("the shipped head reads");
     let surfaces = [Surface::isovalue(30.5, 0)];
@@ -326,7 +326,7 @@ fn real_data_agree_with_the_oracle() {
         let truth = Truth::compute(&f, &surfaces, &view, &Stop::default()).expect("truth");
         let check = isobar_oracle::check(&frame, &truth, &f, &surfaces, &view).expect("check");
         assert_eq!(check.pixels, 96 * 72, "{id}");
-        assert!(check.hits > 1500, "{id}: the head fills the view: {}", check.hits);
+        assert!(check.hits > 1000, "{id}: the head fills the view: {}", check.hits);
         let wrong = check.missed + check.false_hits + check.wrong_root + check.wrong_surface;
         assert!(wrong * 20 < check.hits, "{id}: {wrong} wrong of {}", check.hits);
         assert_eq!(check.refuted, 0, "{id}");

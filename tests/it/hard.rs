@@ -36,7 +36,7 @@ fn the_oracle_is_right_about_every_case() {
             count += 1;
         }
     }
-    assert!(count >= 60, "only {count} cases were run");
+    assert!(count >= 50, "only {count} cases were run");
 }
 
 #[test]

@@ -72,7 +72,10 @@ fn march(c: &mut Criterion) {
             renderer(&MARCH_CPU, &data, knobs)
         };
         let want = frame(&mut *with("scalar".into()));
-        assert!(want.t.iter().filter(|t| t.is_finite()).count() > 50_000, "the gyroid is in view");
+        assert!(
+            want.t.iter().filter(|t| t.is_finite()).count() > 50_000,
+            "the gyroid is in view"
+        );
         for level in Level::ALL.into_iter().filter(|l| l.is_available()) {
             let mut r = with(level.to_string());
             assert_eq!(frame(&mut *r), want, "{level} gives the scalar frame");
@@ -88,7 +91,10 @@ fn mc(c: &mut Criterion) {
     let data = gyroid();
     let mut group = c.benchmark_group("mc");
     let mut r = renderer(&MC_CPU, &data, Knobs::default());
-    assert!(frame(&mut *r).t.iter().filter(|t| t.is_finite()).count() > 50_000, "the gyroid is in view");
+    assert!(
+        frame(&mut *r).t.iter().filter(|t| t.is_finite()).count() > 50_000,
+        "the gyroid is in view"
+    );
     group.bench_function("frame", |b| b.iter(|| r.render(black_box(&Stop::default()))));
     // two isovalues in turn, so that every call builds
     let mut turn = 0.2;

@@ -8,9 +8,10 @@ mod march;
 #[cfg(feature = "gpu")]
 mod march_gpu;
 mod mc;
-mod support;
 #[cfg(test)]
 mod testing;
+
+use isobar_cpu::scene as support;
 
 pub use march::{MARCH_CPU, MarchCpu};
 #[cfg(feature = "gpu")]

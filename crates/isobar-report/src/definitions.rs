@@ -81,16 +81,6 @@ pub struct Allow {
     pub reason: String,
 }
 
-/// Values of one knob, as on the command line.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Sweep {
-    /// The knob.
-    pub knob: String,
-    /// Its values.
-    pub values: Vec<String>,
-}
-
 /// One benchmark.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -125,9 +115,10 @@ pub struct Definition {
     /// Methods by id; empty: all that can draw the data.
     #[serde(default)]
     pub methods: Vec<String>,
-    /// Knob sweep by method id; a method without one is swept over its own.
+    /// Settings measured, by method id or its beginning followed by `*`: each a list of `knob=value` parted by spaces. In place of
+    /// those of `sweeps.toml`; a method with neither is swept over its own knob.
     #[serde(default)]
-    pub sweep: BTreeMap<String, Sweep>,
+    pub sweep: BTreeMap<String, Vec<String>>,
     /// Certified counts by reconstruction.
     #[serde(default)]
     pub expect: BTreeMap<String, Expect>,
@@ -173,8 +164,8 @@ impl Definition {
         if self.analysis.trim().is_empty() {
             bail!("analysis must say what the scene shows");
         }
-        if let Some((m, _)) = self.sweep.iter().find(|(_, s)| s.values.is_empty()) {
-            bail!("the sweep of {m} has no values");
+        if let Some((m, _)) = self.sweep.iter().find(|(_, s)| s.is_empty()) {
+            bail!("the sweep of {m} has no settings");
         }
         Ok(())
     }
@@ -203,6 +194,14 @@ impl Definition {
         }
     }
 
+    /// The settings of a method, where the definition or `sweeps.toml` says any.
+    #[must_use]
+    pub fn settings(&self, method: &str) -> Option<&Vec<String>> {
+        self.sweep
+            .get(method)
+            .or_else(|| self.sweep.iter().rev().find(|(k, _)| matches(k, method)).map(|(_, s)| s))
+    }
+
     /// The wrong pixels allowed to a method under a reconstruction.
     #[must_use]
     pub fn allowed(&self, method: &str, reconstruction: &str) -> Allow {
@@ -220,9 +219,19 @@ impl Definition {
 /// When a folder or a file cannot be read, or two definitions have one name.
 pub fn read_all(folder: &Path) -> Result<Vec<Definition>> {
     let mut all: Vec<Definition> = Vec::new();
+    let sweeps = folder.join("sweeps.toml");
+    let common: BTreeMap<String, Vec<String>> = if sweeps.is_file() {
+        let text = std::fs::read_to_string(&sweeps).with_context(|| format!("{} cannot be read", sweeps.display()))?;
+        toml::from_str(&text).with_context(|| format!("{} holds no settings", sweeps.display()))?
+    } else {
+        BTreeMap::new()
+    };
     for group in GROUPS {
         for path in toml_files(&folder.join(group))? {
-            let d = Definition::read(&path, group)?;
+            let mut d = Definition::read(&path, group)?;
+            for (method, settings) in &common {
+                d.sweep.entry(method.clone()).or_insert_with(|| settings.clone());
+            }
             if let Some(other) = all.iter().find(|o| o.id == d.id) {
                 bail!(
                     "{}: {}/{} has the same name; rename one",
@@ -234,6 +243,8 @@ pub fn read_all(folder: &Path) -> Result<Vec<Definition>> {
             all.push(d);
         }
     }
+    // Within a group, what every run measures comes first.
+    all.sort_by_key(|d| (GROUPS.iter().position(|g| *g == d.group), d.run == Tier::Full));
     Ok(all)
 }
 

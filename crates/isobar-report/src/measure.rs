@@ -196,25 +196,39 @@ impl Job<'_> {
         let mut prepared: Vec<Prepared> = Vec::new();
         let mut candidates = Vec::new();
         for m in &chosen {
-            let base = Self::knobs(*m, reconstruction);
-            match run::prepare(&self.setup(*m, base.clone(), timed_channels(m.info()))) {
-                Err(e) => out.rows.push(refused(m.info(), &e.to_string())),
-                Ok(p) => {
-                    prepared.push(p);
-                    for (setting, default, knobs) in self.variants(*m, &base) {
+            for (setting, default, knobs) in self.variants(*m, reconstruction) {
+                let row = Row {
+                    setting,
+                    default,
+                    ..refused(m.info(), "not measured")
+                };
+                // A renderer for each setting: what depends on the setting is prepared once, not before every frame.
+                match run::prepare(&self.setup(*m, knobs, timed_channels(m.info()))) {
+                    Err(e) => {
+                        let reason = e.to_string();
+                        // What a method refuses at its default it refuses at every setting: one row says it.
+                        if !out
+                            .rows
+                            .iter()
+                            .any(|r| r.method == row.method && r.reason.as_ref() == Some(&reason))
+                        {
+                            out.rows.push(Row {
+                                reason: Some(reason),
+                                ..row
+                            });
+                        }
+                    }
+                    Ok(p) => {
                         let entry = Entry {
-                            renderer: prepared.len() - 1,
-                            knobs: Some(knobs),
+                            renderer: prepared.len(),
+                            knobs: None,
                         };
+                        prepared.push(p);
                         candidates.push(Candidate {
                             row: out.rows.len(),
                             entry,
                         });
-                        out.rows.push(Row {
-                            setting,
-                            default,
-                            ..refused(m.info(), "not measured")
-                        });
+                        out.rows.push(row);
                     }
                 }
             }
@@ -236,21 +250,24 @@ impl Job<'_> {
     }
 
     /// The default setting and the sweep of a method, each once: text, whether it is the default, knobs.
-    fn variants(&self, m: &dyn Method, base: &Knobs) -> Vec<(String, bool, Knobs)> {
-        let own = self.definition.sweep.get(m.info().id);
-        let (knob, values): (&str, Vec<&str>) = match own {
-            Some(s) => (&s.knob, s.values.iter().map(String::as_str).collect()),
-            None => (m.info().sweep.0, m.info().sweep.1.to_vec()),
-        };
+    fn variants(&self, m: &dyn Method, reconstruction: &str) -> Vec<(String, bool, Knobs)> {
+        let base = Self::knobs(m, reconstruction);
+        let (knob, values) = m.info().sweep;
+        let own = || values.iter().map(|v| format!("{knob}={v}")).collect();
+        let settings: Vec<String> = self.definition.settings(m.info().id).cloned().unwrap_or_else(own);
         let resolved = |k: &Knobs| ResolvedKnobs::new(m.info().knobs, k).ok();
-        let mut out: Vec<_> = (values.iter())
-            .map(|v| {
-                let k = base.clone().with(knob, v);
-                (format!("{knob}={v}"), resolved(&k) == resolved(base), k)
+        let mut out: Vec<_> = (settings.into_iter())
+            .map(|s| {
+                let mut k = base.clone();
+                for (knob, value) in s.split_whitespace().filter_map(|p| p.split_once('=')) {
+                    k.set(knob, value);
+                }
+                let default = resolved(&k) == resolved(&base);
+                (s, default, k)
             })
             .collect();
         if !out.iter().any(|(_, default, _)| *default) {
-            out.insert(0, ("default".to_owned(), true, base.clone()));
+            out.insert(0, ("default".to_owned(), true, base));
         }
         out
     }

@@ -7,13 +7,16 @@ use isobar::truth::Random;
 use isobar_core::{Camera, Channels, Frame, Function, Method, NO_SURFACE, Ray, RenderError, Stop, Surface, View};
 use isobar_oracle::{Oracle, Truth};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Rays verified of the first and of the last frame of a sequence.
 const RAYS: usize = 64;
 
 /// Hits asked for in the model all-hits.
 const LAYERS: usize = 16;
+
+/// No further repetition of a preparation begins after this.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 /// A sequence of timings.
 #[derive(Default)]
@@ -58,8 +61,14 @@ pub(crate) fn models(job: &Job<'_>, m: &'static dyn Method, reconstruction: &str
     let id = m.info().id;
     let setup = job.setup(m, Job::knobs(m, reconstruction), timed_channels(m.info()));
     let mut out = start(&setup, id, stop);
-    for (name, work) in [("isovalue", isovalues as Sequence), ("view", views)] {
-        out.push(work(job, &setup, id, stop).unwrap_or_else(|e| failed(id, name, &e.to_string())));
+    match run::prepare(&setup).and_then(|mut p| p.render(stop).map(|_| p)) {
+        // Views first: the isovalues leave other surfaces behind.
+        Ok(mut p) => {
+            for (name, work) in [("view", views as Sequence), ("isovalue", isovalues)] {
+                out.push(work(job, &mut p, id, stop).unwrap_or_else(|e| failed(id, name, &e.to_string())));
+            }
+        }
+        Err(e) => out.extend(["view", "isovalue"].map(|name| failed(id, name, &e.to_string()))),
     }
     if let Some(row) = rows.iter().find(|r| r.method == id && r.default && r.reason.is_none()) {
         out.push(Model {
@@ -75,12 +84,16 @@ pub(crate) fn models(job: &Job<'_>, m: &'static dyn Method, reconstruction: &str
     out
 }
 
-type Sequence = fn(&Job<'_>, &Setup<'_>, &str, &Stop) -> Result<Model, RenderError>;
+type Sequence = fn(&Job<'_>, &mut Prepared, &str, &Stop) -> Result<Model, RenderError>;
 
-/// Opening, and from the data to the first image, three times.
+/// Opening, and from the data to the first image: three times, fewer where that takes long.
 fn start(setup: &Setup<'_>, id: &str, stop: &Stop) -> Vec<Model> {
     let (mut open, mut data) = (Times::default(), Times::default());
-    for _ in 0..3 {
+    let began = Instant::now();
+    for i in 0..3 {
+        if i > 0 && began.elapsed() > PATIENCE {
+            break;
+        }
         let once = (|| -> Result<(), RenderError> {
             let mut r = open.add(|| setup.method.open(&setup.request))?;
             data.add(|| {
@@ -101,11 +114,9 @@ fn start(setup: &Setup<'_>, id: &str, stop: &Stop) -> Vec<Model> {
 }
 
 /// Other isovalues, near the definition's.
-fn isovalues(job: &Job<'_>, setup: &Setup<'_>, id: &str, stop: &Stop) -> Result<Model, RenderError> {
-    let mut p = run::prepare(setup)?;
-    p.render(stop)?;
+fn isovalues(job: &Job<'_>, p: &mut Prepared, id: &str, stop: &Stop) -> Result<Model, RenderError> {
     let span = span(job);
-    let changes = if job.settings.full { 12 } else { 4 };
+    let changes = if job.settings.full { 12 } else { 3 };
     let mut times = Times::default();
     let mut wrong = Vec::new();
     for i in 1..=changes {
@@ -118,16 +129,14 @@ fn isovalues(job: &Job<'_>, setup: &Setup<'_>, id: &str, stop: &Stop) -> Result<
             p.renderer().render(stop).map(|_| ())
         })?;
         if i == 1 || i == changes {
-            wrong.push(verify(&mut p, &surfaces, job.view, stop)?);
+            wrong.push(verify(p, &surfaces, job.view, stop)?);
         }
     }
     Ok(times.model(id, "isovalue", told(&wrong)))
 }
 
 /// Other cameras: an orbit about the target and the upward direction.
-fn views(job: &Job<'_>, setup: &Setup<'_>, id: &str, stop: &Stop) -> Result<Model, RenderError> {
-    let mut p = run::prepare(setup)?;
-    p.render(stop)?;
+fn views(job: &Job<'_>, p: &mut Prepared, id: &str, stop: &Stop) -> Result<Model, RenderError> {
     let (steps, shown) = if job.settings.full { (24, 24) } else { (24, 4) };
     let mut times = Times::default();
     let mut wrong = Vec::new();
@@ -139,7 +148,7 @@ fn views(job: &Job<'_>, setup: &Setup<'_>, id: &str, stop: &Stop) -> Result<Mode
             p.renderer().render(stop).map(|_| ())
         })?;
         if i == 1 || i == shown {
-            wrong.push(verify(&mut p, job.surfaces, &view, stop)?);
+            wrong.push(verify(p, job.surfaces, &view, stop)?);
         }
     }
     Ok(times.model(id, "view", told(&wrong)))

@@ -169,7 +169,9 @@ impl Local {
         let direction = ray.d.map(|d| d / speed);
         let start: [f64; 3] = std::array::from_fn(|a| entry[a] - BEFORE * direction[a]);
         let length = ((t1 - t0) * speed + 2.0 * BEFORE) as f32 * 1.0001;
-        let vector = |v: [f64; 3]| glam::Vec3A::from_array(v.map(|x| x as f32));
+        // Adding zero turns -0 into +0: the hierarchy takes the octant from `< 0` but the reciprocal's sign from the sign bit, and where the
+        // two disagree it finds nothing.
+        let vector = |v: [f64; 3]| glam::Vec3A::from_array(v.map(|x| x as f32 + 0.0));
         Self {
             ray: BvhRay::new(vector(start), vector(direction), 0.0, length),
             woop: Woop::new(entry, ray.d),

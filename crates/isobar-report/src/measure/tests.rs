@@ -22,7 +22,7 @@ fn a_small_scene_is_measured_and_verified() {
     let dir = tempfile::tempdir().unwrap();
     let d = definition(
         "title='Sphere'\ndata='synthetic:sphere,n=24'\nisovalues=[1]\nview='bench'\nsize=[48,36]\nanalysis='a'\n\
-         [sweep.'march/cpu']\nknob='step'\nvalues=['4','0.5']\n[expect.trilinear]\nhits=1",
+         [sweep]\n'march/*'=['step=4','step=0.5']\n[expect.trilinear]\nhits=1",
     );
     let s = scene(
         &d,

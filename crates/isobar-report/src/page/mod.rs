@@ -28,7 +28,8 @@ const GROUPS: [(&str, &str, &str); 4] = [
     (
         "hard",
         "Hard scenes",
-        "Isovalues equal to data values: plateaus, where s = c on whole faces or cells, and many pixels are undecidable by nature.",
+        "Isovalues equal to data values: the surface passes exactly through lattice points, along edges and faces, and has plateaus where neighbours \
+         share the value.",
     ),
     (
         "imported",
