@@ -138,10 +138,10 @@ fn view_words(v: &ViewSpec) -> String {
 
 /// `256×256×256 samples, f32, 64.0 MiB`.
 fn data_words(s: &Source) -> String {
-    let mib = s.data.bytes() as f64 / f64::from(1 << 20);
+    let bytes = crate::page::bytes(s.data.bytes() as u64);
     match s.dims() {
-        Some([x, y, z]) => format!("{x}×{y}×{z} samples, {}, {mib:.1} MiB", s.type_name()),
-        None => format!("{} {}, {mib:.1} MiB", s.cells(), s.data.kind()),
+        Some([x, y, z]) => format!("{x}×{y}×{z} samples, {}, {bytes}", s.type_name()),
+        None => format!("{} {}, {bytes}", s.cells(), s.data.kind()),
     }
 }
 

@@ -8,6 +8,7 @@ mod summary;
 use crate::plots;
 use crate::results::{Bench, Convergence, Report};
 use anyhow::Result;
+pub(crate) use html::bytes;
 use html::{Cell, anchor, escape, figure, number, table};
 use std::fmt::Write;
 

@@ -109,7 +109,6 @@ fn rows(c: &Comparison, methods: &[String]) -> String {
         ("text", "setting"),
         ("", "frame<small>ms, ± MAD</small>"),
         ("", "CPU<small>ms</small>"),
-        ("", "device<small>ms</small>"),
         ("", "missed"),
         ("", "false"),
         ("", "wrong<small>root</small>"),
@@ -143,9 +142,11 @@ fn row(r: &Row, methods: &[String]) -> Vec<Cell> {
         return cells;
     }
     let k = &r.checked;
-    cells.push(Cell::new(format!("{} ± {}", ms(r.wall.median), ms(r.wall.mad))));
+    let device = r
+        .device
+        .map_or_else(String::new, |d| format!("<small>device {}</small>", ms(d.median)));
+    cells.push(Cell::new(format!("{} ± {}{device}", ms(r.wall.median), ms(r.wall.mad))));
     cells.push(Cell::new(ms(r.cpu.median)));
-    cells.push(Cell::new(r.device.map_or_else(String::new, |d| ms(d.median))));
     for n in [k.missed, k.false_hits, k.wrong_root, k.wrong_surface, k.refuted] {
         cells.push(Cell::count(n, true));
     }
