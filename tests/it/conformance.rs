@@ -1,8 +1,8 @@
 //! What every method must do, whatever it is: the same checks for all, through the traits only.
 
 use isobar_core::{
-    Camera, Channels, Data, DVec3, DataKind, Frame, Grid, KnobKind, Knobs, Method, NO_SURFACE, Ray, RenderError, Renderer, Request, Samples,
-    Scene, Stage, Stop, Surface, SurfaceKind, TransferFunction, View,
+    Camera, Channels, DVec3, Data, DataKind, Frame, Grid, KnobKind, Knobs, Method, NO_SURFACE, Ray, RenderError, Renderer,
+    Request, Samples, Scene, Stage, Stop, Surface, SurfaceKind, TransferFunction, View,
 };
 use isobar_fields::Synthetic;
 use isobar_oracle::Truth;
@@ -15,7 +15,11 @@ fn methods(test: &str) -> Vec<&'static dyn Method> {
         match m.open(&Request::default()) {
             Ok(_) => out.push(m),
             Err(e) if m.info().gpu => {
-                assert!(std::env::var_os("CI").is_none(), "{}: {e}: a missing adapter is a failure under CI", m.info().id);
+                assert!(
+                    std::env::var_os("CI").is_none(),
+                    "{}: {e}: a missing adapter is a failure under CI",
+                    m.info().id
+                );
                 println!("SKIPPED: {test} for {}: {e}", m.info().id);
             }
             Err(e) => panic!("{} does not start: {e}", m.info().id),
@@ -43,7 +47,12 @@ fn grid(dims: [usize; 3], f: impl Fn(f64, f64, f64) -> f64) -> Arc<Data> {
 const ALL: Channels = Channels::all();
 
 fn request(knobs: Knobs) -> Request {
-    Request { channels: ALL, layers: 3, knobs, ..Request::default() }
+    Request {
+        channels: ALL,
+        layers: 3,
+        knobs,
+        ..Request::default()
+    }
 }
 
 fn open(m: &dyn Method, r: &Request) -> Box<dyn Renderer> {
@@ -68,7 +77,11 @@ fn infos_are_complete_and_ids_unique() {
     for m in isobar::methods() {
         let i = m.info();
         assert!(seen.insert(i.id), "{} is listed twice", i.id);
-        assert!(i.id.split('/').count() == 2 && !i.summary.is_empty() && !i.work_unit.is_empty(), "{}", i.id);
+        assert!(
+            i.id.split('/').count() == 2 && !i.summary.is_empty() && !i.work_unit.is_empty(),
+            "{}",
+            i.id
+        );
         assert_eq!(i.id.contains("/gpu"), i.gpu, "{}", i.id);
         assert!(!i.data.is_empty());
         for k in i.knobs {
@@ -80,7 +93,8 @@ fn infos_are_complete_and_ids_unique() {
         if !i.sweep.0.is_empty() {
             assert!(i.sweep.1.len() >= 2, "{}: a sweep has at least two settings", i.id);
             for v in i.sweep.1 {
-                isobar_core::ResolvedKnobs::new(i.knobs, &Knobs::default().with(i.sweep.0, v)).unwrap_or_else(|e| panic!("{}: {e}", i.id));
+                isobar_core::ResolvedKnobs::new(i.knobs, &Knobs::default().with(i.sweep.0, v))
+                    .unwrap_or_else(|e| panic!("{}: {e}", i.id));
             }
         }
     }
@@ -137,22 +151,61 @@ fn what_a_method_cannot_do_is_an_answer() {
     let hexes = synthetic("sphere,n=3,as=hexes");
     let data = synthetic("sphere,n=9");
     let surface = [Surface::isovalue(1.0, 0)];
-    let parametric = [Surface { kind: SurfaceKind::Parameter { axis: 0, value: 0.5 }, ..surface[0] }];
-    let tf = TransferFunction { points: vec![(0.0, [1.0; 3], 0.1), (1.0, [1.0; 3], 0.2)], unit: 1.0 };
+    let parametric = [Surface {
+        kind: SurfaceKind::Parameter { axis: 0, value: 0.5 },
+        ..surface[0]
+    }];
+    let tf = TransferFunction {
+        points: vec![(0.0, [1.0; 3], 0.1), (1.0, [1.0; 3], 0.2)],
+        unit: 1.0,
+    };
     for m in isobar::methods() {
         let id = m.info().id;
         let r = Request::default();
-        let scene = Scene { data: &data, surfaces: &surface, medium: None, view: &view };
+        let scene = Scene {
+            data: &data,
+            surfaces: &surface,
+            medium: None,
+            view: &view,
+        };
         if m.info().data.contains(DataKind::GRID) {
             m.supports(&scene, &r).expect(id);
         }
         if !m.info().data.contains(DataKind::HEXES) {
             let e = m.supports(&Scene { data: &hexes, ..scene }, &r).expect_err(id).to_string();
             assert!(e.contains(id) && e.contains("hexes"), "{e}");
-            assert!(m.supports(&Scene { surfaces: &parametric, ..scene }, &r).is_err(), "{id}");
+            assert!(
+                m.supports(
+                    &Scene {
+                        surfaces: &parametric,
+                        ..scene
+                    },
+                    &r
+                )
+                .is_err(),
+                "{id}"
+            );
         }
-        if m.info().hits && m.supports(&Scene { medium: Some(&tf), ..scene }, &r).is_err() {
-            let e = m.supports(&Scene { medium: Some(&tf), ..scene }, &r).expect_err(id).to_string();
+        if m.info().hits
+            && m.supports(
+                &Scene {
+                    medium: Some(&tf),
+                    ..scene
+                },
+                &r,
+            )
+            .is_err()
+        {
+            let e = m
+                .supports(
+                    &Scene {
+                        medium: Some(&tf),
+                        ..scene
+                    },
+                    &r,
+                )
+                .expect_err(id)
+                .to_string();
             assert!(e.contains(id) && !e.contains('\n'), "{e}");
         }
     }
@@ -163,7 +216,9 @@ fn useless_input_is_refused_without_a_panic() {
     let mut bad = vec![0.0f32; 27];
     bad[13] = f32::NAN;
     let nan = Arc::new(Data::Grid(Grid::unit([3, 3, 3], Samples::F32(bad.into())).expect("grid")));
-    let flat = Arc::new(Data::Grid(Grid::unit([5, 5, 1], Samples::U8(vec![0; 25].into())).expect("grid")));
+    let flat = Arc::new(Data::Grid(
+        Grid::unit([5, 5, 1], Samples::U8(vec![0; 25].into())).expect("grid"),
+    ));
     let hexes = synthetic("sphere,n=3,as=hexes");
     for m in methods("useless_input_is_refused_without_a_panic") {
         let id = m.info().id;
@@ -176,8 +231,18 @@ fn useless_input_is_refused_without_a_panic() {
         }
         assert!(matches!(r.set_view(&View::bench(0, 8)), Err(RenderError::View(_))), "{id}");
         assert!(r.set_knobs(&Knobs::default().with("no-such-knob", 1)).is_err(), "{id}");
-        assert!(m.open(&Request { knobs: Knobs::default().with("no-such-knob", 1), ..Request::default() }).is_err(), "{id}");
-        assert!(r.set_surfaces(&[Surface::isovalue(f64::NAN, 0)]).is_err(), "{id}: NaN is no isovalue");
+        assert!(
+            m.open(&Request {
+                knobs: Knobs::default().with("no-such-knob", 1),
+                ..Request::default()
+            })
+            .is_err(),
+            "{id}"
+        );
+        assert!(
+            r.set_surfaces(&[Surface::isovalue(f64::NAN, 0)]).is_err(),
+            "{id}: NaN is no isovalue"
+        );
     }
 }
 
@@ -201,14 +266,28 @@ fn a_plane_is_hit_where_it_is() {
                 let outside = p.cmplt(DVec3::splat(-0.5)).any() || p.cmpgt(DVec3::splat(19.5)).any();
                 if inside {
                     hits += 1;
-                    assert!((f.t[i] - t).abs() < 2e-3, "{} pixel {x},{y}: {} instead of {t}", m.info().id, f.t[i]);
+                    assert!(
+                        (f.t[i] - t).abs() < 2e-3,
+                        "{} pixel {x},{y}: {} instead of {t}",
+                        m.info().id,
+                        f.t[i]
+                    );
                     assert!((f.point[i] - p).length() < 2e-3, "{}", m.info().id);
                     let normal = DVec3::from_array(f.normal[i].map(f64::from));
-                    assert!((normal - n.normalize()).length() < 1e-5, "{} pixel {x},{y}: normal {normal}", m.info().id);
+                    assert!(
+                        (normal - n.normalize()).length() < 1e-5,
+                        "{} pixel {x},{y}: normal {normal}",
+                        m.info().id
+                    );
                     assert_eq!((f.surface[i], f.hits[i]), (0, 1));
                     assert!((f.rgba[i][3] - 1.0).abs() < 1e-6);
                 } else if outside {
-                    assert_eq!((f.t[i], f.surface[i], f.hits[i]), (f64::INFINITY, NO_SURFACE, 0), "{} pixel {x},{y}", m.info().id);
+                    assert_eq!(
+                        (f.t[i], f.surface[i], f.hits[i]),
+                        (f64::INFINITY, NO_SURFACE, 0),
+                        "{} pixel {x},{y}",
+                        m.info().id
+                    );
                     assert_eq!(f.rgba[i], [0.0; 4]);
                 }
             }
@@ -222,8 +301,18 @@ fn an_isovalue_outside_the_range_gives_an_empty_image() {
     let data = synthetic("gyroid,n=24");
     for m in methods("an_isovalue_outside_the_range_gives_an_empty_image") {
         for c in [1e9, -1e9, 2.0] {
-            let (f, _) = draw(m, &request(Knobs::default()), &data, &[Surface::isovalue(c, 0)], &View::bench(33, 17));
-            assert!(f.t.iter().all(|t| t.is_infinite()) && f.hits.iter().all(|&h| h == 0), "{} at {c}", m.info().id);
+            let (f, _) = draw(
+                m,
+                &request(Knobs::default()),
+                &data,
+                &[Surface::isovalue(c, 0)],
+                &View::bench(33, 17),
+            );
+            assert!(
+                f.t.iter().all(|t| t.is_infinite()) && f.hits.iter().all(|&h| h == 0),
+                "{} at {c}",
+                m.info().id
+            );
         }
         let (f, _) = draw(m, &request(Knobs::default()), &data, &[], &View::bench(33, 17));
         assert!(f.surface.iter().all(|&s| s == NO_SURFACE), "{} without surfaces", m.info().id);
@@ -235,7 +324,19 @@ fn frames_do_not_depend_on_the_number_of_threads() {
     let data = synthetic("marschner-lobb,n=24");
     let s = [Surface::isovalue(0.5, 0)];
     for m in methods("frames_do_not_depend_on_the_number_of_threads") {
-        let with = |threads| draw(m, &Request { threads, ..request(Knobs::default()) }, &data, &s, &View::bench(61, 43)).0;
+        let with = |threads| {
+            draw(
+                m,
+                &Request {
+                    threads,
+                    ..request(Knobs::default())
+                },
+                &data,
+                &s,
+                &View::bench(61, 43),
+            )
+            .0
+        };
         assert!(with(1) == with(2), "{}", m.info().id);
     }
 }
@@ -248,7 +349,17 @@ fn layers_are_in_order_and_each_surface_is_seen() {
     s[1].opacity = 0.5;
     s[2].opacity = 0.25;
     s[3].opacity = 0.0;
-    let view = View { camera: Camera::Orthographic { eye: DVec3::new(0.0, -4.0, 0.0), target: DVec3::ZERO, up: DVec3::Z, height: 2.5 }, width: 5, height: 5, clips: vec![] };
+    let view = View {
+        camera: Camera::Orthographic {
+            eye: DVec3::new(0.0, -4.0, 0.0),
+            target: DVec3::ZERO,
+            up: DVec3::Z,
+            height: 2.5,
+        },
+        width: 5,
+        height: 5,
+        clips: vec![],
+    };
     for m in methods("layers_are_in_order_and_each_surface_is_seen") {
         let id = m.info().id;
         let (f, _) = draw(m, &request(Knobs::default()), &data, &s, &view);
@@ -256,7 +367,10 @@ fn layers_are_in_order_and_each_surface_is_seen() {
         let middle = 12;
         let layer: Vec<_> = (0..3).map(|l| (f.t[l * n + middle], f.surface[l * n + middle])).collect();
         for (l, (want, surface)) in [(3.0, 2), (3.2, 1), (3.5, 0)].into_iter().enumerate() {
-            assert!((layer[l].0 - want).abs() < 5e-3 && layer[l].1 == surface, "{id}: layers {layer:?}");
+            assert!(
+                (layer[l].0 - want).abs() < 5e-3 && layer[l].1 == surface,
+                "{id}: layers {layer:?}"
+            );
         }
         assert!(f.hits[middle] >= 3, "{id}: {} hits", f.hits[middle]);
         // 1 - (1 - .25)(1 - .5)(1 - 1) = 1
@@ -272,13 +386,25 @@ fn reversing_the_camera_moves_no_surface() {
     let forward: Vec<Ray> = (0..64)
         .map(|i| {
             let a = f64::from(i) * 0.098;
-            Ray { origin: DVec3::new(3.0 * a.cos(), 3.0 * a.sin(), 0.03), direction: DVec3::new(-a.cos(), -a.sin(), 0.0) }
+            Ray {
+                origin: DVec3::new(3.0 * a.cos(), 3.0 * a.sin(), 0.03),
+                direction: DVec3::new(-a.cos(), -a.sin(), 0.0),
+            }
         })
         .collect();
-    let back: Vec<Ray> = forward.iter().map(|r| Ray { origin: r.at(6.0), direction: -r.direction }).collect();
+    let back: Vec<Ray> = forward
+        .iter()
+        .map(|r| Ray {
+            origin: r.at(6.0),
+            direction: -r.direction,
+        })
+        .collect();
     for m in methods("reversing_the_camera_moves_no_surface") {
         let id = m.info().id;
-        let rq = Request { layers: 8, ..request(Knobs::default()) };
+        let rq = Request {
+            layers: 8,
+            ..request(Knobs::default())
+        };
         let (a, _) = draw(m, &rq, &data, &s, &View::rays(forward.clone()));
         let (b, _) = draw(m, &rq, &data, &s, &View::rays(back.clone()));
         for i in 0..64 {
@@ -305,7 +431,8 @@ fn a_raised_stop_ends_the_frame() {
         let stop = Stop::default();
         stop.raise();
         assert_eq!(r.render(&stop), Err(RenderError::Stopped), "{}", m.info().id);
-        r.render(&Stop::default()).unwrap_or_else(|e| panic!("{} cannot go on: {e}", m.info().id));
+        r.render(&Stop::default())
+            .unwrap_or_else(|e| panic!("{} cannot go on: {e}", m.info().id));
     }
 }
 

@@ -46,7 +46,10 @@ fn every_failure_is_declared_and_every_declared_failure_still_fails() {
         for r in &t.rows {
             for (column, v) in t.columns.iter().zip(&r.cells) {
                 if matches!(v.kind, VerdictKind::Wrong | VerdictKind::Unexpected) {
-                    wrong.push(format!("{} {column} {:?}: expected {}, given {}", r.id, v.kind, r.expected, v.given));
+                    wrong.push(format!(
+                        "{} {column} {:?}: expected {}, given {}",
+                        r.id, v.kind, r.expected, v.given
+                    ));
                 }
             }
         }

@@ -5,7 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().expect("the workspace is there")
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("..")
+        .canonicalize()
+        .expect("the workspace is there")
 }
 
 fn files(dir: &Path, out: &mut Vec<PathBuf>) {
@@ -77,23 +80,39 @@ fn the_oracle_and_the_methods_do_not_see_each_other() {
     let text = |krate: &str| {
         let toml = fs::read_to_string(root().join("crates").join(krate).join("Cargo.toml")).expect("manifest");
         let parsed: toml::Table = toml.parse().expect("toml");
-        parsed.get("dependencies").and_then(|d| d.as_table()).map(|t| t.keys().cloned().collect::<Vec<_>>()).unwrap_or_default()
+        parsed
+            .get("dependencies")
+            .and_then(|d| d.as_table())
+            .map(|t| t.keys().cloned().collect::<Vec<_>>())
+            .unwrap_or_default()
     };
     for forbidden in ["isobar-poly", "isobar-cpu", "isobar-gpu", "isobar-baseline", "isobar-fields"] {
-        assert!(!text("isobar-oracle").contains(&forbidden.to_owned()), "the oracle depends on {forbidden}");
+        assert!(
+            !text("isobar-oracle").contains(&forbidden.to_owned()),
+            "the oracle depends on {forbidden}"
+        );
     }
     for method in ["isobar-baseline", "isobar-cpu", "isobar-gpu", "isobar-fields", "isobar-poly"] {
-        assert!(!text(method).contains(&"isobar-oracle".to_owned()), "{method} depends on the oracle");
+        assert!(
+            !text(method).contains(&"isobar-oracle".to_owned()),
+            "{method} depends on the oracle"
+        );
     }
     for forbidden in ["rayon", "wgpu", "serde", "isobar-fields"] {
-        assert!(!text("isobar-core").contains(&forbidden.to_owned()), "core depends on {forbidden}");
+        assert!(
+            !text("isobar-core").contains(&forbidden.to_owned()),
+            "core depends on {forbidden}"
+        );
     }
 }
 
 #[test]
 fn shipped_data_are_what_the_manifest_says() {
     let dir = root().join("bench-data");
-    let manifest: toml::Table = fs::read_to_string(dir.join("MANIFEST.toml")).expect("manifest").parse().expect("toml");
+    let manifest: toml::Table = fs::read_to_string(dir.join("MANIFEST.toml"))
+        .expect("manifest")
+        .parse()
+        .expect("toml");
     let rows = manifest["file"].as_array().expect("[[file]] rows");
     assert!(rows.len() >= 3);
     let mut total = 0;

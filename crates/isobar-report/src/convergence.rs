@@ -142,6 +142,21 @@ mod tests {
         assert!((slope(&n, &error) - 3.0).abs() < 1e-12);
     }
 
+    /// The orders that the page shows in red where they fail.
+    #[test]
+    fn orders_are_those_of_the_theory() {
+        for c in measure("torus").unwrap() {
+            let name = &c.reconstruction;
+            assert!((c.slope - c.theory[0]).abs() < 0.1, "{name}: {} {:?}", c.slope, c.position);
+            assert!(
+                (c.normal_slope - c.theory[1]).abs() < 0.1,
+                "{name}: {} {:?}",
+                c.normal_slope,
+                c.normal
+            );
+        }
+    }
+
     #[test]
     fn points_lie_on_the_surface_and_inside() {
         let f: Synthetic = "gyroid".parse().unwrap();

@@ -107,7 +107,7 @@ mod tests {
                 (state >> 24) as u8
             }))
         });
-        for i in 0..16 {
+        for i in 0..40 {
             noise.save(reports.join(format!("files/one/{i}.png"))).unwrap();
         }
         let r = Report {

@@ -13,6 +13,9 @@ use obvhs::ray::{Ray as BvhRay, RayHit};
 use std::time::Duration;
 
 /// A mesh ready for rays.
+///
+/// One triangle per leaf entry: groups of up to 4 neighbours in one entry took half the time and memory to build, and half as long
+/// again to render (a triangle test with its vertices costs about 50 ns).
 #[derive(Debug)]
 pub(crate) struct Scene {
     vertices: Vec<Vertex>,

@@ -81,7 +81,7 @@ pub(super) fn ms(seconds: f64) -> String {
 
 /// Bytes with a binary unit.
 #[must_use]
-pub fn bytes(n: u64) -> String {
+pub(crate) fn bytes(n: u64) -> String {
     let units = ["B", "KiB", "MiB", "GiB"];
     let mut x = n as f64;
     let mut unit = 0;
