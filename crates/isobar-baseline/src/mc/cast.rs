@@ -21,8 +21,6 @@ pub(crate) struct Scene {
     vertices: Vec<Vertex>,
     /// In the order of the hierarchy's leaves.
     triangles: Vec<[u32; 3]>,
-    /// First triangle of each group, and the number of triangles at the end: what the hierarchy holds are groups.
-    groups: Vec<u32>,
     bvh: Option<CwBvh>,
     /// Cells of the grid per edge of the lattice.
     scale: f64,
@@ -52,18 +50,19 @@ impl Scene {
             let [a, b, c] = t.map(|i| mesh.vertices[i as usize].position(scale));
             a != b && b != c && c != a
         });
-        let (mut groups, boxes) = group(&mesh, scale, pad);
+        let boxes: Vec<Aabb> = mesh
+            .triangles
+            .iter()
+            .map(|t| {
+                let p = t.map(|i| mesh.vertices[i as usize].position(scale));
+                let end = |f: fn(f64, f64) -> f64| std::array::from_fn::<f32, 3, _>(|a| f(f(p[0][a], p[1][a]), p[2][a]) as f32);
+                let (lo, hi) = (end(f64::min), end(f64::max));
+                Aabb::new((glam::Vec3A::from_array(lo)) - pad, glam::Vec3A::from_array(hi) + pad)
+            })
+            .collect();
         let bvh = (!boxes.is_empty()).then(|| {
             let mut bvh = build_cwbvh(&boxes, BvhBuildParams::fast_build(), &mut Duration::default());
-            drop(boxes);
-            let mut sorted = Vec::with_capacity(mesh.triangles.len());
-            let mut starts = Vec::with_capacity(groups.len());
-            for &g in &bvh.primitive_indices {
-                starts.push(sorted.len() as u32);
-                sorted.extend_from_slice(&mesh.triangles[groups[g as usize] as usize..groups[g as usize + 1] as usize]);
-            }
-            starts.push(sorted.len() as u32);
-            (mesh.triangles, groups) = (sorted, starts);
+            mesh.triangles = bvh.primitive_indices.iter().map(|&i| mesh.triangles[i as usize]).collect();
             bvh.primitive_indices = Vec::new();
             bvh.nodes.shrink_to_fit();
             bvh.exact_node_aabbs = None;
@@ -74,7 +73,6 @@ impl Scene {
         Self {
             vertices: mesh.vertices,
             triangles: mesh.triangles,
-            groups,
             bvh,
             scale,
         }
@@ -84,7 +82,6 @@ impl Scene {
     pub(crate) fn bytes(&self) -> usize {
         self.vertices.capacity() * size_of::<Vertex>()
             + self.triangles.capacity() * 12
-            + self.groups.capacity() * 4
             + self.bvh.as_ref().map_or(0, |b| b.nodes.capacity() * size_of_val(&b.nodes[0]))
     }
 
@@ -109,18 +106,16 @@ impl Scene {
         let local = Local::new(ray, t0, t1);
         let mut best: Option<(f64, u32)> = None;
         bvh.ray_traverse(local.ray, &mut RayHit::none(), |_, i| {
-            let mut nearest = f32::INFINITY;
-            for i in self.group(i) {
-                *tests += 1;
-                if let Some(t) = local.woop.hit(self.corners(i)).filter(|t| t0 + t >= 0.0) {
-                    if best.is_none_or(|b| (t, i) < b) {
-                        best = Some((t, i));
-                    }
-                    // widened, so that a hit as near as this one is still looked at
-                    nearest = nearest.min(local.to_bvh(t));
-                }
+            *tests += 1;
+            let i = i as u32;
+            let Some(t) = local.woop.hit(self.corners(i)).filter(|t| t0 + t >= 0.0) else {
+                return f32::INFINITY;
+            };
+            if best.is_none_or(|b| (t, i) < b) {
+                best = Some((t, i));
             }
-            nearest
+            // widened, so that a hit as near as this one is still looked at
+            local.to_bvh(t)
         });
         best.map(|(t, triangle)| self.told(t0 + t, triangle))
     }
@@ -133,11 +128,9 @@ impl Scene {
         };
         let local = Local::new(ray, t0, t1);
         bvh.ray_traverse_anyhit(local.ray, |_, i| {
-            for i in self.group(i) {
-                *tests += 1;
-                if let Some(t) = local.woop.hit(self.corners(i)).filter(|t| t0 + t >= 0.0) {
-                    out.push(self.told(t0 + t, i));
-                }
+            *tests += 1;
+            if let Some(t) = local.woop.hit(self.corners(i as u32)).filter(|t| t0 + t >= 0.0) {
+                out.push(self.told(t0 + t, i as u32));
             }
         });
         let same = SAME / ray.speed();
@@ -151,12 +144,6 @@ impl Scene {
         out.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.isovalue.cmp(&b.isovalue)));
     }
 
-    /// The triangles of a group.
-    #[inline(always)]
-    fn group(&self, g: usize) -> std::ops::Range<u32> {
-        self.groups[g]..self.groups[g + 1]
-    }
-
     fn told(&self, t: f64, triangle: u32) -> TriangleHit {
         let vertex = self.triangles[triangle as usize][0];
         TriangleHit {
@@ -165,48 +152,6 @@ impl Scene {
             isovalue: self.vertices[vertex as usize].isovalue(),
         }
     }
-}
-
-/// Most triangles in a group.
-const GROUP: u32 = 4;
-
-/// Most cells of the lattice that a group may span along an axis.
-const SPAN: f64 = 2.0;
-
-/// Neighbouring triangles in groups, by their order in the mesh: a hierarchy over groups is built in a third of the time and of the
-/// memory, and is as fast. Returns the first triangle of each group and the end of the last, and the groups' boxes widened by `pad`.
-fn group(mesh: &Mesh, scale: f64, pad: f32) -> (Vec<u32>, Vec<Aabb>) {
-    let (mut starts, mut boxes) = (Vec::new(), Vec::new());
-    let mut now = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    let vector = |v: [f64; 3]| glam::Vec3A::from_array(v.map(|x| x as f32));
-    for (i, t) in mesh.triangles.iter().enumerate() {
-        let (mut lo, mut hi) = now;
-        let mut own = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for v in t {
-            let p = mesh.vertices[*v as usize].position(scale);
-            for a in 0..3 {
-                (lo[a], hi[a]) = (lo[a].min(p[a]), hi[a].max(p[a]));
-                (own.0[a], own.1[a]) = (own.0[a].min(p[a]), own.1[a].max(p[a]));
-            }
-        }
-        let first = starts.last().copied();
-        let fits = (0..3).all(|a| hi[a] - lo[a] <= SPAN * scale);
-        if first.is_some_and(|f| fits && i as u32 - f < GROUP) {
-            now = (lo, hi);
-        } else {
-            if first.is_some() {
-                boxes.push(Aabb::new(vector(now.0) - pad, vector(now.1) + pad));
-            }
-            starts.push(i as u32);
-            now = own;
-        }
-    }
-    if !starts.is_empty() {
-        boxes.push(Aabb::new(vector(now.0) - pad, vector(now.1) + pad));
-        starts.push(mesh.triangles.len() as u32);
-    }
-    starts.shrink_to_fit();
-    (starts, boxes)
 }
 
 /// A ray as the hierarchy and the triangle test see it: from its entry into the grid on, t counted from there.
@@ -227,9 +172,7 @@ impl Local {
         let direction = ray.d.map(|d| d / speed);
         let start: [f64; 3] = std::array::from_fn(|a| entry[a] - BEFORE * direction[a]);
         let length = ((t1 - t0) * speed + 2.0 * BEFORE) as f32 * 1.0001;
-        // Adding zero turns -0 into +0: the hierarchy takes the octant from `< 0` but the reciprocal's sign from the sign bit, and where the
-        // two disagree it finds nothing.
-        let vector = |v: [f64; 3]| glam::Vec3A::from_array(v.map(|x| x as f32 + 0.0));
+        let vector = |v: [f64; 3]| glam::Vec3A::from_array(v.map(|x| x as f32));
         Self {
             ray: BvhRay::new(vector(start), vector(direction), 0.0, length),
             woop: Woop::new(entry, ray.d),
