@@ -89,6 +89,7 @@ impl RayGenerator<'_> {
     /// # Panics
     /// When `x`, `y` lie outside the image of a list of rays.
     #[must_use]
+    #[inline]
     pub fn ray(&self, x: usize, y: usize) -> Ray {
         let v = self.view;
         let b = &self.frame;
