@@ -1,6 +1,6 @@
 //! How fast reconstructions converge to the field they were sampled from: no renderer and no root finder of a method is involved.
 //!
-//! At seeded points x of the exact isosurface f = c, at least [`BORDER`] cells from the faces, the isosurface of the reconstruction s
+//! At seeded points x of the exact isosurface f = c, at least `BORDER` cells from the faces, the isosurface of the reconstruction s
 //! lies |s(x) - c| / |grad f(x)| away to first order in the error, which is what an order is fitted to.
 
 use crate::results::Convergence;

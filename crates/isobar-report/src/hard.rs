@@ -1,7 +1,7 @@
 //! The matrix of hard cases: polynomials through every root finder, grids and surfaces through every method.
 //!
 //! A root finder may say that it cannot tell a root from a near miss: that is no answer, neither right nor wrong, and stands as refused with
-//! its words. A method's hit is right within [`VOXEL`] of a voxel or the case's own tolerance, whichever is larger.
+//! its words. A method's hit is right within `VOXEL` of a voxel or the case's own tolerance, whichever is larger.
 
 use crate::cases::{self, Basis, Case, CaseRay, CaseRoot, Problem};
 use crate::results::{Matrix, MatrixRow, MatrixTable, Verdict, VerdictKind};

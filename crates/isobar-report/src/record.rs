@@ -107,7 +107,7 @@ mod tests {
                 (state >> 24) as u8
             }))
         });
-        for i in 0..40 {
+        for i in 0..100 {
             noise.save(reports.join(format!("files/one/{i}.png"))).unwrap();
         }
         let r = Report {
@@ -119,7 +119,12 @@ mod tests {
         assert!(folder.ends_with("recorded/2026-01-02-cpu-1"));
         assert!(size(&folder).unwrap() < LIMIT);
         let small = image::open(folder.join("files/one/3.png")).unwrap();
-        assert_eq!((small.width(), small.height()), (160, 120));
+        // How well noise compresses depends on the deflate crate that is built in: at 256 wide it fits with none of them.
+        assert!(
+            WIDTHS[1..].contains(&small.width()) && small.height() * 4 == small.width() * 3,
+            "{}",
+            small.width()
+        );
         assert!(folder.join("csv/a.csv").is_file());
         // again: replaced, not doubled
         assert_eq!(record(&r, reports).unwrap(), folder);
