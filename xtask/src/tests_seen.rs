@@ -48,19 +48,21 @@ pub(crate) struct Reader {
     counted: bool,
     /// Inside libtest's list of passing tests' output.
     successes: bool,
+    /// Nextest runs: what libtest says inside a test's output is counted by nextest's own summary.
+    nextest: bool,
 }
 
 impl Reader {
     /// Takes a line; returns whether a person should see it.
     pub(crate) fn line(&mut self, line: &str) -> bool {
         let text = line.trim();
-        if let Some(counts) = nextest_summary(text).or_else(|| libtest_summary(text).filter(|_| !self.inside)) {
+        if let Some(counts) = nextest_summary(text).or_else(|| libtest_summary(text).filter(|_| !self.inside && !self.nextest)) {
             self.counts.add(counts);
-            (self.inside, self.successes) = (false, false);
+            (self.inside, self.successes, self.nextest) = (false, false, false);
             return true;
         }
         if let Some(passed) = nextest_status(text) {
-            (self.inside, self.counted) = (passed, false);
+            (self.inside, self.counted, self.nextest) = (passed, false, true);
             return true;
         }
         match text {
@@ -162,7 +164,7 @@ mod tests {
     #[test]
     fn nextest_sections_count_a_skip_once_per_test() {
         let (c, shown) = read(
-            "        PASS [   0.004s] (1/4) a one\n  stdout ───\n\n    running 1 test\n    SKIPPED: no adapter\n    SKIPPED: again\n    test result: ok. 1 passed; 0 failed; 0 ignored; 0 measured; 18 filtered out; finished in 0.00s\n\n        PASS [   0.004s] (2/4) a two\n    test two ... SKIPPED: no data\n        FAIL [   0.004s] (3/4) a three\n    SKIPPED: but it failed all the same\n        PASS [   1.004s] (4/4) a four\n    chatter\n     Summary [   0.062s] 4 tests run: 3 passed (1 slow), 1 failed, 2 skipped\n",
+            "        PASS [   0.004s] (1/4) a one\n  stdout ───\n\n    running 1 test\n    SKIPPED: no adapter\n    SKIPPED: again\n    test result: ok. 1 passed; 0 failed; 0 ignored; 0 measured; 18 filtered out; finished in 0.00s\n\n        PASS [   0.004s] (2/4) a two\n    test two ... SKIPPED: no data\n        FAIL [   0.004s] (3/4) a three\n    SKIPPED: but it failed all the same\n    test result: FAILED. 0 passed; 1 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.1s\n        PASS [   1.004s] (4/4) a four\n    chatter\n     Summary [   0.062s] 4 tests run: 3 passed (1 slow), 1 failed, 2 skipped\n",
         );
         assert_eq!(
             c,
