@@ -39,7 +39,7 @@ impl Settings {
 
     /// No further round of a comparison begins after this.
     const fn budget(&self) -> Duration {
-        Duration::from_secs(if self.full { 60 } else { 6 })
+        Duration::from_secs(if self.full { 60 } else { 3 })
     }
 }
 
