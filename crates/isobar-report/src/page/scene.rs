@@ -115,6 +115,7 @@ fn rows(c: &Comparison, methods: &[String]) -> String {
         ("", "wrong<small>surface</small>"),
         ("", "refuted"),
         ("", "undecid-<small>able</small>"),
+        ("", "un-<small>proved</small>"),
         ("", "error, voxels<small>median</small>"),
         ("", "<small>99 %</small>"),
         ("", "<small>max</small>"),
@@ -128,14 +129,15 @@ fn rows(c: &Comparison, methods: &[String]) -> String {
         .map(|r| (if r.default { "default" } else { "" }, row(r, methods)))
         .collect();
     table(&head, &body)
-        + "<p class=\"note\">Tinted: the default setting. Memory: what the renderer holds beyond the data and the frame.</p>\n"
+        + "<p class=\"note\">Tinted: the default setting. Unproved: pixels without a claim that the oracle can refute. \
+           Memory: what the renderer holds beyond the data and the frame.</p>\n"
 }
 
 fn row(r: &Row, methods: &[String]) -> Vec<Cell> {
     let i = methods.iter().position(|m| *m == r.method).unwrap_or(0);
     let mut cells = vec![
         Cell::with("text", format!("{}{}", swatch(i), escape(&r.method))),
-        Cell::text(&r.setting),
+        Cell::with("text wrap", escape(&r.setting)),
     ];
     if let Some(reason) = &r.reason {
         cells.push(Cell::with("reason", escape(reason)));
@@ -151,6 +153,11 @@ fn row(r: &Row, methods: &[String]) -> Vec<Cell> {
         cells.push(Cell::count(n, true));
     }
     cells.push(Cell::count(k.undecidable, false));
+    cells.push(if k.unclaimed == k.pixels {
+        Cell::with("zero", "all")
+    } else {
+        Cell::count(k.unclaimed, false)
+    });
     for x in [k.t_voxels.median, k.t_voxels.p99, k.t_voxels.max, k.normal_deg.p99] {
         cells.push(Cell::new(number(x)));
     }

@@ -20,7 +20,7 @@ pub(super) fn summary(r: &Report, methods: &[String]) -> String {
         out.push_str("<p>No scene was measured; the reasons stand below.</p>\n");
         return out;
     }
-    out.push_str("<p>Methods are compared at equal error, never at equal settings: for each target, the fastest setting of the knob sweep that keeps it.</p>\n<ul>\n");
+    out.push_str("<p>Methods are compared at equal error, never at equal settings: for each target, the fastest setting of the knob sweep that keeps it. Times are wall clock, of one frame.</p>\n<ul>\n");
     for t in &TARGETS {
         let winners: Vec<&Row> = comparisons(r).filter_map(|(_, c)| fastest(&c.rows, t)).collect();
         let mut parts: Vec<String> = (methods.iter())
