@@ -322,7 +322,7 @@ pub struct HexPatches {
 pub struct Algebraic {
     /// Its name.
     pub name: String,
-    /// `([a, b, c], coefficient)`; exponents at most 15 each, each triple once.
+    /// `([a, b, c], coefficient)`; exponents at most [`Algebraic::MOST`] each, each triple once.
     pub terms: Arc<[([u8; 3], f64)]>,
     /// Lower corner of the domain.
     pub lo: DVec3,
@@ -331,6 +331,58 @@ pub struct Algebraic {
 }
 
 impl Algebraic {
+    /// Greatest exponent of a coordinate.
+    pub const MOST: u8 = 15;
+
+    /// A polynomial that everything downstream can draw: this is how to make one from input.
+    ///
+    /// # Errors
+    /// [`DataError::Algebraic`] where an exponent exceeds [`Algebraic::MOST`], a triple of exponents comes twice, a coefficient or a corner is not
+    /// finite, or the box has no inside.
+    pub fn new(
+        name: impl Into<String>,
+        terms: impl Into<Arc<[([u8; 3], f64)]>>,
+        lo: DVec3,
+        hi: DVec3,
+    ) -> Result<Self, DataError> {
+        let new = Self {
+            name: name.into(),
+            terms: terms.into(),
+            lo,
+            hi,
+        };
+        new.check()?;
+        Ok(new)
+    }
+
+    /// Whether [`Algebraic::new`] would have made this, for one made field by field.
+    ///
+    /// # Errors
+    /// As [`Algebraic::new`].
+    pub fn check(&self) -> Result<(), DataError> {
+        let bad = |what: String| Err(DataError::Algebraic(format!("{}: {what}", self.name)));
+        let mut seen: Vec<[u8; 3]> = Vec::with_capacity(self.terms.len());
+        for (e, k) in self.terms.iter() {
+            let term = || format!("the term {k} x^{} y^{} z^{}", e[0], e[1], e[2]);
+            if e.iter().any(|&p| p > Self::MOST) {
+                return bad(format!("{} has an exponent above {}", term(), Self::MOST));
+            }
+            if !k.is_finite() {
+                return bad(format!("{} is not finite", term()));
+            }
+            seen.push(*e);
+        }
+        seen.sort_unstable();
+        if let Some(w) = seen.windows(2).find(|w| w[0] == w[1]) {
+            let [x, y, z] = w[0];
+            return bad(format!("x^{x} y^{y} z^{z} comes twice; add the coefficients up"));
+        }
+        if !(self.lo.is_finite() && self.hi.is_finite() && self.lo.cmplt(self.hi).all()) {
+            return bad(format!("the box from {} to {} has no inside", self.lo, self.hi));
+        }
+        Ok(())
+    }
+
     /// Greatest total degree of a term: the degree of the polynomial along any ray.
     #[must_use]
     pub fn degree(&self) -> usize {
@@ -368,6 +420,21 @@ impl Algebraic {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_polynomial_checks_its_exponents_coefficients_and_box() {
+        let make = |terms: &[([u8; 3], f64)], hi: f64| Algebraic::new("p", terms, DVec3::NEG_ONE, DVec3::splat(hi));
+        assert_eq!(make(&[([15, 0, 0], 1.0), ([0, 0, 15], -2.0)], 1.0).unwrap().degree(), 15);
+        assert!(make(&[], 1.0).is_ok());
+        let said = |r: Result<Algebraic, DataError>| r.unwrap_err().to_string();
+        let e = said(make(&[([0, 16, 0], 1.0)], 1.0));
+        assert_eq!(e, "unusable polynomial: p: the term 1 x^0 y^16 z^0 has an exponent above 15");
+        assert!(said(make(&[([0; 3], f64::NAN)], 1.0)).contains("not finite"));
+        assert!(said(make(&[([1, 0, 0], 1.0), ([0; 3], 1.0), ([1, 0, 0], 1.0)], 1.0)).contains("comes twice"));
+        for hi in [-1.0, f64::NAN, f64::INFINITY] {
+            assert!(said(make(&[], hi)).contains("no inside"));
+        }
+    }
 
     #[test]
     fn a_grid_checks_its_counts_and_geometry() {

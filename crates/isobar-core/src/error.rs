@@ -44,6 +44,9 @@ pub enum DataError {
     /// A mesh with connectivity outside its points, no cells, or points that are not finite.
     #[error("unusable mesh: {0}")]
     Mesh(String),
+    /// A polynomial with an exponent that is too large, a term twice, numbers that are not finite, or an empty box.
+    #[error("unusable polynomial: {0}")]
+    Algebraic(String),
     /// A reconstruction, field or parameter that does not exist.
     #[error("{0}")]
     Unknown(String),

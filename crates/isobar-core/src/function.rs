@@ -1,6 +1,6 @@
 //! The scalar function a method draws, described so that an oracle can be exact about it.
 
-use crate::{Algebraic, Domain, Interval, Ray};
+use crate::{Algebraic, Domain, Interval, Ray, TetMesh};
 use glam::DVec3;
 use std::fmt;
 
@@ -31,6 +31,11 @@ pub trait Function: Send + Sync + fmt::Debug {
 pub enum Structure<'a> {
     /// A tensor-product spline over a lattice of cells.
     Lattice(&'a dyn Lattice),
+    /// A cubic spline on the type-6 tetrahedral partition of the cubes about a lattice's samples.
+    Tetrahedral(&'a dyn Tetrahedral),
+    /// Linear in each tetrahedron of a mesh, in world coordinates. Its domain is the union of the closed cells with a volume: the [`Domain`] is only
+    /// a box about them, and outside the cells there is no function and no root.
+    Mesh(&'a TetMesh),
     /// One trivariate polynomial in world coordinates over the whole domain.
     Polynomial(&'a Algebraic),
     /// No polynomial: rigorous enclosures only.
@@ -99,6 +104,40 @@ pub trait Lattice: Send + Sync + fmt::Debug {
 
     /// Least and greatest coefficient over the stencils of all cells of the box `lo..=hi`: s lies between them there, because the
     /// basis functions are non-negative and sum to one.
+    fn range(&self, lo: [usize; 3], hi: [usize; 3]) -> Interval;
+}
+
+/// A cube cut into the 24 tetrahedra of the type-6 partition, and how the 20 Bernstein-Bezier coefficients of a cubic on each of them
+/// come from the 27 data about the cube's centre. All entries are small integers; kinds of tetrahedra are numbered 0 to 23.
+#[derive(Debug, PartialEq, Eq)]
+pub struct TetMasks {
+    /// Common denominator of the weights.
+    pub denominator: i32,
+    /// The exponents (i, j, k, l), i + j + k + l = 3, that the coefficients belong to: `p = sum b_ijkl 3!/(i! j! k! l!) phi0^i phi1^j phi2^k phi3^l`.
+    pub indices: [[u8; 4]; 20],
+    /// Vertices in half grid steps from the cube's centre: the centre, the centroid of a face, the two ends of an edge of that face.
+    pub vertices: [[[i8; 3]; 4]; 24],
+    /// Barycentric coordinates, exactly: `phi_v(x) = row[0] + row[1..] . x` with `row = barycentric[kind][v]` and x in grid steps from the centre.
+    pub barycentric: [[[i8; 4]; 4]; 24],
+    /// `weights[kind][coefficient][datum]`, data x fastest, each axis -1, 0, 1; not negative, with sum `denominator`.
+    pub weights: [[[u8; 27]; 20]; 24],
+}
+
+/// A piecewise cubic over cubes centred on the samples of a lattice, each cut into 24 tetrahedra ([`TetMasks`]): local coordinates are index
+/// space, the domain is [0, dims - 1] per axis, which cuts the outer cubes in half.
+///
+/// Data outside the grid follow the border rule inside [`Tetrahedral::data`]; nobody else needs to know it.
+pub trait Tetrahedral: Send + Sync + fmt::Debug {
+    /// Samples per axis, each at least 2; as many cubes.
+    fn dims(&self) -> [usize; 3];
+
+    /// The partition and the masks. The pieces join continuously (exactly, in exact arithmetic).
+    fn masks(&self) -> &'static TetMasks;
+
+    /// The 27 data of a cube, x fastest, exactly as the function uses them.
+    fn data(&self, cube: [usize; 3], out: &mut [f64; 27]);
+
+    /// Least and greatest datum of all cubes of the box `lo..=hi`: s lies between them there, because weights are not negative and sum to one.
     fn range(&self, lo: [usize; 3], hi: [usize; 3]) -> Interval;
 }
 

@@ -23,7 +23,7 @@ pub use data::{Algebraic, Data, Grid, HexElement, HexPatches, Samples, TetMesh};
 pub use domain::Domain;
 pub use error::{DataError, RenderError, Unsupported};
 pub use frame::{Channels, Claim, Frame, Hit, NO_SURFACE, Pixel};
-pub use function::{Analytic, Basis1, CUBIC, Function, Lattice, QUADRATIC, Structure, TRILINEAR};
+pub use function::{Analytic, Basis1, CUBIC, Function, Lattice, QUADRATIC, Structure, TRILINEAR, TetMasks, Tetrahedral};
 pub use interval::Interval;
 pub use method::{Counters, DataKind, Memory, Method, MethodInfo, RenderTime, Renderer, Stage, Stop};
 pub use request::{KnobKind, KnobSpec, KnobValue, Knobs, Request, ResolvedKnobs, Sampling};

@@ -110,6 +110,15 @@ impl RayGenerator<'_> {
     }
 }
 
+impl RayGenerator<'_> {
+    /// See [`View::kept`].
+    #[must_use]
+    #[inline]
+    pub fn kept(&self, ray: &Ray) -> Option<(f64, f64)> {
+        self.view.kept(ray)
+    }
+}
+
 /// An orthonormal frame of the camera.
 #[derive(Debug, Clone, Copy)]
 struct Basis {
@@ -238,6 +247,29 @@ impl View {
         self.generator().ray(x, y)
     }
 
+    /// The part of a ray that the clipping planes keep: first and last t with t >= 0, infinite where nothing ends it; `None` where nothing is
+    /// kept. The ends are rounded: each is off by some roundings of the terms of `(distance - normal . origin) / (normal . direction)`.
+    /// Caps are not considered.
+    #[must_use]
+    #[inline]
+    pub fn kept(&self, ray: &Ray) -> Option<(f64, f64)> {
+        let (mut first, mut last) = (0.0f64, f64::INFINITY);
+        for plane in &self.clips {
+            let rest = plane.distance - plane.normal.dot(ray.origin);
+            let rate = plane.normal.dot(ray.direction);
+            if rate == 0.0 {
+                if rest < 0.0 {
+                    return None;
+                }
+            } else if rate > 0.0 {
+                last = last.min(rest / rate);
+            } else {
+                first = first.max(rest / rate);
+            }
+        }
+        (first <= last).then_some((first, last))
+    }
+
     /// What all pixels share, worked out once: for loops over pixels.
     #[must_use]
     pub fn generator(&self) -> RayGenerator<'_> {
@@ -325,6 +357,34 @@ mod tests {
         let r = v.ray(0, 0);
         assert!((r.origin - DVec3::new(-1.5, -3.0, 0.5)).length() < 1e-15);
         assert_eq!(r.direction, DVec3::Y);
+    }
+
+    #[test]
+    fn planes_keep_an_interval_of_the_ray() {
+        let mut v = View::bench(4, 3);
+        let ray = Ray {
+            origin: DVec3::new(-3.0, 0.0, 0.0),
+            direction: DVec3::new(2.0, 0.0, 0.0),
+        };
+        let mut with = |planes: &[([f64; 3], f64)]| {
+            v.clips = planes
+                .iter()
+                .map(|&(normal, distance)| ClipPlane {
+                    normal: normal.into(),
+                    distance,
+                    cap: false,
+                })
+                .collect();
+            assert_eq!(v.kept(&ray), v.generator().kept(&ray));
+            v.kept(&ray)
+        };
+        assert_eq!(with(&[]), Some((0.0, f64::INFINITY)));
+        assert_eq!(with(&[([1.0, 0.0, 0.0], 1.0)]), Some((0.0, 2.0)));
+        assert_eq!(with(&[([1.0, 0.0, 0.0], 1.0), ([-2.0, 0.0, 0.0], 2.0)]), Some((1.0, 2.0)));
+        assert_eq!(with(&[([1.0, 0.0, 0.0], -4.0)]), None);
+        assert_eq!(with(&[([0.0, 1.0, 0.0], 0.0)]), Some((0.0, f64::INFINITY)));
+        assert_eq!(with(&[([0.0, 1.0, 0.0], -1e-9)]), None);
+        assert_eq!(with(&[([-1.0, 0.0, 0.0], 0.0), ([1.0, 0.0, 0.0], -1.0)]), None);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Continuous functions: analytic fields and grid reconstructions.
 //!
-//! [`GridSpline`] reconstructs a grid: trilinear, quadratic and cubic B-spline, plain and interpolating ([`Kind`]). [`analytic`] makes
+//! [`GridSpline`] reconstructs a grid: trilinear, quadratic and cubic B-spline, plain and interpolating ([`Kind`]); [`Type6Spline`] with cubics on
+//! tetrahedra. [`Reconstruction`] names them all. [`analytic`] makes
 //! the named fields of the command line, [`Synthetic`] the data sampled from them. All are [`isobar_core::Function`]s: value, gradient,
 //! rigorous enclosure, and a structure that gives the exact polynomial pieces along a ray (or rigorous enclosures where there are none).
 //! [`grid_to_tets`] and [`grid_to_hexes`] convert between containers.
@@ -27,14 +28,23 @@ mod evaluate;
 mod kind;
 mod polynomial;
 mod prefilter;
+mod reconstruction;
 mod scalar;
 mod spline;
 mod surfaces;
 mod synthetic;
+mod tets;
 mod transcendental;
+pub mod type6;
+mod type6_enclose;
+mod type6_masks;
+mod type6_patch;
 
 pub use algebraic::AlgebraicFunction;
 pub use convert::{grid_to_hexes, grid_to_tets};
 pub use kind::{Border, Kind};
+pub use reconstruction::Reconstruction;
 pub use spline::{Coefficients, GridSpline};
 pub use synthetic::{Field, Synthetic, analytic};
+pub use tets::TetLinear;
+pub use type6::Type6Spline;

@@ -50,7 +50,7 @@ pub enum Cause {
     },
     /// No known format.
     #[error(
-        "unknown format; isobar reads NRRD, NIfTI-1, VTI, legacy VTK structured points and NAME_WxHxD_TYPE.raw volumes, OFF and PLY meshes"
+        "unknown format; isobar reads NRRD, NIfTI-1, VTI, VTU, legacy VTK, PLOT3D and NAME_WxHxD_TYPE.raw volumes, OFF and PLY meshes"
     )]
     Unknown,
     /// A triangle mesh where a field is needed.
@@ -60,7 +60,9 @@ pub enum Cause {
     #[error("not a triangle mesh; give an OFF or PLY file")]
     NotMesh,
     /// Data of a kind that has no reader.
-    #[error("{0} is not read yet; give a grid (NRRD, NIfTI-1, VTI, legacy VTK structured points, raw)")]
+    #[error(
+        "{0} is not read yet; give a grid (NRRD, NIfTI-1, VTI, legacy VTK structured points, raw) or cells (VTU, legacy VTK unstructured grid, PLOT3D)"
+    )]
     NotYet(String),
     /// A header or text that breaks the rules of its format.
     #[error("bad {format}: {reason}; correct the file or write it again")]

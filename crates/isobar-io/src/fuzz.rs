@@ -11,6 +11,7 @@ fn fields(bytes: &[u8], read: impl Fn(&dyn Input, &Options) -> Result<Loaded, Ca
             let o = Options {
                 field: first.fields.last().cloned(),
                 nan: Some(0.0),
+                cell_to_point: true,
             };
             let _ = read(&input, &o);
         }
@@ -32,6 +33,24 @@ pub fn nifti(bytes: &[u8]) {
 /// VTI.
 pub fn vti(bytes: &[u8]) {
     fields(bytes, vti::read);
+}
+
+/// VTU: the tags of VTI, the arrays of a mesh.
+pub fn vtu(bytes: &[u8]) {
+    fields(bytes, vti::read);
+}
+
+/// A PLOT3D grid and its solution in one: the first four bytes are the size of the grid's file.
+pub fn plot3d(bytes: &[u8]) {
+    let Some((size, rest)) = bytes.split_first_chunk::<4>() else {
+        return;
+    };
+    let size = (u32::from_be_bytes(*size) as usize).min(rest.len());
+    let (grid, solution) = rest.split_at(size);
+    fields(grid, |input, o| {
+        let solution = BytesInput::new("q", solution)?;
+        crate::plot3d::read_both(input, &solution, o)
+    });
 }
 
 /// Legacy VTK.

@@ -1,6 +1,7 @@
 //! The only crate that opens a data file.
 //!
-//! [`load`] reads a volume (NRRD, NIfTI-1, VTI, legacy VTK structured points, raw with a telling name), [`load_mesh`] a triangle mesh (OFF, PLY);
+//! [`load`] reads a volume (NRRD, NIfTI-1, VTI, legacy VTK structured points, raw with a telling name) or a mesh of cells with values (VTU, legacy VTK
+//! unstructured grids, PLOT3D; split into tetrahedra), [`load_mesh`] a triangle mesh (OFF, PLY);
 //! [`write_nrrd`] writes a volume. The format is found by content, by name only for raw volumes. The table of formats with their limits is in
 //! the crate's README.
 //!
@@ -11,6 +12,7 @@
 //! **Architecture invariants.** No other crate parses a data format. Nothing here prints, and nothing here reads the network.
 
 mod base64_stream;
+mod cells;
 mod error;
 mod field;
 #[doc(hidden)]
@@ -21,6 +23,7 @@ mod nifti1;
 mod nrrd;
 mod nrrd_write;
 mod off;
+mod plot3d;
 mod ply;
 mod raw;
 mod sample;
@@ -29,6 +32,8 @@ mod volume;
 mod vti;
 mod vti_data;
 mod vtk;
+mod vtk_cells;
+mod vtu;
 
 pub use error::{Cause, IoError};
 pub use mesh::TriangleMesh;
@@ -44,12 +49,14 @@ pub struct Options {
     pub field: Option<String>,
     /// What NaN and infinite samples are read as; without it they are kept, and [`Grid::require_finite`] tells.
     pub nan: Option<f64>,
+    /// Whether fields of the cells of a mesh are averaged to its points; without it they are refused.
+    pub cell_to_point: bool,
 }
 
 /// A volume read from a file.
 #[derive(Debug, Clone)]
 pub struct Loaded {
-    /// A grid, world coordinates and lengths as in the file.
+    /// A grid or tetrahedra, world coordinates and lengths as in the file.
     pub data: Data,
     /// Name of the field read; `value` where the format has no names.
     pub field: String,

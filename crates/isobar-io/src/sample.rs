@@ -158,6 +158,53 @@ pub(crate) fn read_text(reader: &mut dyn BufRead, layout: &Layout, notes: &mut V
     })
 }
 
+/// All `layout.count * layout.components` numbers of binary data as f64, nothing picked: for points and connectivity.
+pub(crate) fn numbers_binary(reader: &mut dyn Read, layout: &Layout) -> Result<Vec<f64>, Cause> {
+    let size = layout.scalar.bytes();
+    let declared = layout.bytes().ok_or(Cause::Dims([layout.count as u64, 1, 1]))?;
+    let mut out = reserved(layout)?;
+    let mut bytes = vec![0u8; BATCH * size];
+    let mut found = 0u64;
+    for part in out.chunks_mut(BATCH) {
+        let bytes = &mut bytes[..part.len() * size];
+        let n = fill(reader, bytes)?;
+        found += n as u64;
+        if n < bytes.len() {
+            return Err(Cause::Truncated { declared, found });
+        }
+        decode(layout.scalar, layout.big_endian, bytes, part);
+    }
+    Ok(out)
+}
+
+/// The same of text.
+pub(crate) fn numbers_text(reader: &mut dyn BufRead, layout: &Layout) -> Result<Vec<f64>, Cause> {
+    let mut out = reserved(layout)?;
+    let mut word = Vec::new();
+    for v in &mut out {
+        let text = if next_word(reader, &mut word)? {
+            std::str::from_utf8(&word).unwrap_or("\u{fffd}")
+        } else {
+            return Err(Cause::malformed("text", "an array of numbers ends early"));
+        };
+        (*v, _) = parse(text, layout.scalar)
+            .ok_or_else(|| Cause::malformed("text", format!("{} is not a {}", quoted(text), layout.scalar.name())))?;
+    }
+    Ok(out)
+}
+
+/// Zeros for all numbers of a layout, or an error where the allocator refuses.
+fn reserved(layout: &Layout) -> Result<Vec<f64>, Cause> {
+    let n = layout
+        .count
+        .checked_mul(layout.components)
+        .ok_or(Cause::Dims([layout.count as u64, layout.components as u64, 1]))?;
+    let mut out = Vec::new();
+    out.try_reserve_exact(n).map_err(|_| Cause::Memory(n as u64 * 8))?;
+    out.resize(n, 0.0);
+    Ok(out)
+}
+
 /// Checks that `text_bytes` of text can hold the samples: each needs a digit and, but for the last, a separator.
 pub(crate) fn check_text(layout: &Layout, text_bytes: u64) -> Result<(), Cause> {
     let values = (layout.count as u64)

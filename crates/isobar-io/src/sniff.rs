@@ -2,7 +2,7 @@
 
 use crate::error::Cause;
 use crate::input::{Input, Packing, head};
-use crate::{Loaded, Options, mesh, nifti1, nrrd, raw, vti, vtk};
+use crate::{Loaded, Options, mesh, nifti1, nrrd, plot3d, raw, vti, vtk};
 
 /// Enough for the NIfTI-1 header and for the first tag of an XML file.
 const HEAD: usize = 4096;
@@ -38,6 +38,7 @@ pub(crate) fn read(input: &dyn Input, o: &Options) -> Result<Loaded, Cause> {
         Some(Kind::Nrrd) => nrrd::read(input, o),
         Some(Kind::Vtk) => vtk::read(input, o),
         Some(Kind::VtkXml) => vti::read(input, o),
+        Some(Kind::Plot3d) => plot3d::read(input, o),
         Some(Kind::Mesh(format)) => Err(Cause::IsMesh(format)),
         Some(Kind::NotYet(what)) => Err(Cause::NotYet(what.into())),
         None if lower.ends_with(".nii") => nifti1::read(input, packing, o),
@@ -49,6 +50,7 @@ enum Kind {
     Nrrd,
     Vtk,
     VtkXml,
+    Plot3d,
     Mesh(&'static str),
     NotYet(&'static str),
 }
@@ -87,11 +89,11 @@ fn kind(head: &[u8], name: &str, len: u64) -> Option<Kind> {
     if text.starts_with("# nurbs mesh") {
         return Some(Kind::NotYet("a NURBS volume (GeoPDEs text)"));
     }
-    plot3d(head, name, len).then_some(Kind::NotYet("a PLOT3D grid"))
+    is_plot3d(head, name, len).then_some(Kind::Plot3d)
 }
 
 /// Three big-endian counts, then coordinates (with or without blanking) or solution values of exactly those counts.
-fn plot3d(head: &[u8], name: &str, len: u64) -> bool {
+fn is_plot3d(head: &[u8], name: &str, len: u64) -> bool {
     if ![".bin", ".xyz", ".q", ".g", ".p3d", ".x"].iter().any(|e| name.ends_with(e)) {
         return false;
     }

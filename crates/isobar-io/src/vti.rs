@@ -1,4 +1,4 @@
-//! VTK XML image data (`.vti`): the header. The samples are found by position and read by [`crate::vti_data`].
+//! VTK XML image data (`.vti`): the header; its scan of the tags also serves meshes (`.vtu`, [`crate::vtu`]). The samples are found by position and read by [`crate::vti_data`].
 //!
 //! Format: VTK file formats, "XML file formats", <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>. The crate
 //! `vtkio` 0.7.0-rc2 was tried and is not used: of 300 single flipped bits in a header 27 made it panic, it refuses raw appended data, and
@@ -12,7 +12,7 @@ use crate::field::{Named, choices, choose};
 use crate::input::Input;
 use crate::sample::{Layout, Scalar};
 use crate::volume::{Geometry, loaded};
-use crate::{Loaded, Options, vti_data};
+use crate::{Loaded, Options, vti_data, vtu};
 use isobar_core::{DMat3, DVec3};
 use quick_xml::XmlVersion;
 use quick_xml::events::{BytesStart, Event};
@@ -20,7 +20,7 @@ use quick_xml::reader::Reader;
 use std::io::BufRead;
 use std::ops::Range;
 
-pub(crate) const FORMAT: &str = "VTI file";
+pub(crate) const FORMAT: &str = "VTK XML file";
 
 /// Where the text or bytes of an array are.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -35,10 +35,19 @@ pub(crate) enum Place {
 
 /// A `DataArray` of the piece.
 #[derive(Debug)]
-struct Array {
-    named: Named,
-    scalar: Option<Scalar>,
-    place: Place,
+pub(crate) struct Array {
+    pub(crate) named: Named,
+    pub(crate) scalar: Option<Scalar>,
+    pub(crate) place: Place,
+}
+
+/// Which part of a piece an array stands in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Section {
+    PointData,
+    CellData,
+    Points,
+    Cells,
 }
 
 /// What the file says of all its arrays.
@@ -53,17 +62,23 @@ pub(crate) struct Storage {
 }
 
 /// Everything but samples.
-struct Image {
-    storage: Storage,
+pub(crate) struct Image {
+    pub(crate) storage: Storage,
+    /// A mesh, not an image.
+    pub(crate) unstructured: bool,
+    /// NumberOfPoints and NumberOfCells of a mesh.
+    pub(crate) counts: [u64; 2],
+    /// Arrays of Points (false) and Cells (true).
+    pub(crate) cells: Vec<(Section, Array)>,
     extent: [i64; 6],
     origin: DVec3,
     spacing: DVec3,
     direction: DMat3,
     pieces: usize,
-    arrays: Vec<Array>,
+    pub(crate) arrays: Vec<Array>,
 }
 
-/// Reads a VTI file.
+/// Reads a VTI or VTU file.
 pub(crate) fn read(input: &dyn Input, o: &Options) -> Result<Loaded, Cause> {
     let image = Scan::new(input)?.run()?;
     match image.pieces {
@@ -71,11 +86,14 @@ pub(crate) fn read(input: &dyn Input, o: &Options) -> Result<Loaded, Cause> {
         1 => {}
         n => {
             return Err(Cause::Unsupported {
-                format: "VTI",
+                format: "VTK XML",
                 what: format!("{n} pieces"),
-                remedy: "write the image as one piece",
+                remedy: "write the data as one piece",
             });
         }
+    }
+    if image.unstructured {
+        return vtu::read(input, &image, o);
     }
     let named: Vec<Named> = image.arrays.iter().map(|a| a.named.clone()).collect();
     let all = choices(&named);
@@ -139,8 +157,8 @@ impl Image {
 struct Scan<'a> {
     reader: Reader<Box<dyn BufRead + 'a>>,
     image: Image,
-    /// Inside `PointData` or `CellData` of the piece: whether on cells.
-    section: Option<bool>,
+    /// Inside this part of the piece.
+    section: Option<Section>,
     seen_file: bool,
     seen_image: bool,
 }
@@ -156,6 +174,9 @@ impl<'a> Scan<'a> {
                     zlib: false,
                     appended: None,
                 },
+                unstructured: false,
+                counts: [0; 2],
+                cells: Vec::new(),
                 extent: [0, -1, 0, -1, 0, -1],
                 origin: DVec3::ZERO,
                 spacing: DVec3::ONE,
@@ -191,7 +212,7 @@ impl<'a> Scan<'a> {
                     self.open(&tag, true)?;
                 }
                 Event::End(tag) => {
-                    if matches!(tag.name().as_ref(), "PointData" | "CellData") {
+                    if matches!(tag.name().as_ref(), "PointData" | "CellData" | "Points" | "Cells") {
                         self.section = None;
                     }
                 }
@@ -200,7 +221,9 @@ impl<'a> Scan<'a> {
             }
         }
         if !self.seen_file || !self.seen_image {
-            return Err(malformed("there is no ImageData in a VTKFile (is the file cut short?)"));
+            return Err(malformed(
+                "there is no ImageData or UnstructuredGrid in a VTKFile (is the file cut short?)",
+            ));
         }
         Ok(self.image)
     }
@@ -209,19 +232,31 @@ impl<'a> Scan<'a> {
         match tag.name().as_ref() {
             "VTKFile" => self.file(tag)?,
             "ImageData" => self.image_data(tag)?,
+            "UnstructuredGrid" => self.seen_image = true,
             "Piece" => {
                 self.image.pieces += 1;
+                for (name, n) in ["NumberOfPoints", "NumberOfCells"].iter().zip(&mut self.image.counts) {
+                    if let Some(text) = attribute(tag, name)? {
+                        [*n] = numbers(&text, name)?;
+                    }
+                }
                 if let Some(text) = attribute(tag, "Extent")? {
                     self.image.extent = numbers(&text, "Extent")?;
                 }
             }
-            "PointData" if !empty => self.section = Some(false),
-            "CellData" if !empty => self.section = Some(true),
+            "PointData" if !empty => self.section = Some(Section::PointData),
+            "CellData" if !empty => self.section = Some(Section::CellData),
+            "Points" if !empty => self.section = Some(Section::Points),
+            "Cells" if !empty => self.section = Some(Section::Cells),
             "DataArray" => {
                 // Text is skipped also where the array is not of the piece (FieldData).
                 let place = self.place(tag, empty)?;
-                if let (Some(on_cells), Some(place)) = (self.section, place) {
-                    self.image.arrays.push(array(tag, on_cells, place)?);
+                if let (Some(section), Some(place)) = (self.section, place) {
+                    let array = array(tag, section == Section::CellData, place)?;
+                    match section {
+                        Section::PointData | Section::CellData => self.image.arrays.push(array),
+                        Section::Points | Section::Cells => self.image.cells.push((section, array)),
+                    }
                 }
             }
             _ => {}
@@ -231,7 +266,8 @@ impl<'a> Scan<'a> {
 
     fn file(&mut self, tag: &BytesStart<'_>) -> Result<(), Cause> {
         let kind = attribute(tag, "type")?.unwrap_or_default();
-        if kind != "ImageData" {
+        self.image.unstructured = kind == "UnstructuredGrid";
+        if kind != "ImageData" && !self.image.unstructured {
             return Err(Cause::NotYet(format!("VTK XML data of type {}", quoted(&kind))));
         }
         self.seen_file = true;
@@ -251,7 +287,7 @@ impl<'a> Scan<'a> {
             Some("vtkZLibDataCompressor") => true,
             Some(other) => {
                 return Err(Cause::Unsupported {
-                    format: "VTI",
+                    format: "VTK XML",
                     what: format!("compressor {}", quoted(other)),
                     remedy: "write it with vtkZLibDataCompressor or without compression",
                 });

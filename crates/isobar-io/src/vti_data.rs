@@ -7,7 +7,7 @@
 use crate::base64_stream::Base64Reader;
 use crate::error::Cause;
 use crate::input::{Input, MOST_INFLATION, ZlibBlock, fill, finish};
-use crate::sample::{Layout, check_text, read_binary, read_text};
+use crate::sample::{Layout, check_text, numbers_binary, numbers_text, read_binary, read_text};
 use crate::vti::{Place, Storage, malformed};
 use flate2::bufread::ZlibDecoder;
 use isobar_core::Samples;
@@ -21,11 +21,43 @@ pub(crate) fn read(
     layout: &Layout,
     notes: &mut Vec<String>,
 ) -> Result<Samples, Cause> {
-    let (reader, there): (Box<dyn Read + '_>, u64) = match place {
+    match source(input, storage, place, layout)? {
+        Source::Text(mut text) => read_text(&mut *text, layout, notes),
+        Source::Plain(mut reader) => read_binary(&mut *reader, layout, notes),
+        Source::Packed(mut blocks) => {
+            let samples = read_binary(&mut *blocks, layout, notes)?;
+            finish(&mut *blocks)?;
+            Ok(samples)
+        }
+    }
+}
+
+/// Reads all numbers of the array at `place` as f64.
+pub(crate) fn numbers(input: &dyn Input, storage: &Storage, place: &Place, layout: &Layout) -> Result<Vec<f64>, Cause> {
+    match source(input, storage, place, layout)? {
+        Source::Text(mut text) => numbers_text(&mut *text, layout),
+        Source::Plain(mut reader) => numbers_binary(&mut *reader, layout),
+        Source::Packed(mut blocks) => {
+            let all = numbers_binary(&mut *blocks, layout)?;
+            finish(&mut *blocks)?;
+            Ok(all)
+        }
+    }
+}
+
+/// The bytes or the text of an array, found able to hold it.
+enum Source<'a> {
+    Text(Box<dyn BufRead + 'a>),
+    Plain(Box<dyn Read + 'a>),
+    Packed(Box<Blocks<'a>>),
+}
+
+fn source<'a>(input: &'a dyn Input, storage: &Storage, place: &Place, layout: &Layout) -> Result<Source<'a>, Cause> {
+    let (reader, there): (Box<dyn Read + 'a>, u64) = match place {
         Place::Ascii(range) => {
             let length = range.end - range.start;
             check_text(layout, length)?;
-            return read_text(&mut input.open(range.start)?.take(length), layout, notes);
+            return Ok(Source::Text(Box::new(input.open(range.start)?.take(length))));
         }
         Place::Inline(range) => {
             let length = range.end - range.start;
@@ -43,7 +75,7 @@ pub(crate) fn read(
                 .filter(|&at| at < input.len())
                 .ok_or_else(|| malformed(format!("offset {offset} is beyond the end of the file")))?;
             let length = input.len() - at;
-            let reader: Box<dyn BufRead> = input.open(at)?;
+            let reader: Box<dyn BufRead + 'a> = input.open(at)?;
             if base64 {
                 (Box::new(Base64Reader::new(reader)), length / 4 * 3)
             } else {
@@ -51,17 +83,11 @@ pub(crate) fn read(
             }
         }
     };
-    binary(reader, there, storage, layout, notes)
+    binary(reader, there, storage, layout)
 }
 
 /// `there`: the bytes the reader can give at most.
-fn binary(
-    mut reader: Box<dyn Read + '_>,
-    there: u64,
-    storage: &Storage,
-    layout: &Layout,
-    notes: &mut Vec<String>,
-) -> Result<Samples, Cause> {
+fn binary<'a>(mut reader: Box<dyn Read + 'a>, there: u64, storage: &Storage, layout: &Layout) -> Result<Source<'a>, Cause> {
     let declared = layout.bytes().ok_or(Cause::Dims([layout.count as u64, 1, 1]))?;
     let first = word(&mut *reader, storage)?;
     if !storage.zlib {
@@ -74,7 +100,7 @@ fn binary(
                 possible: there,
             });
         }
-        return read_binary(&mut *reader, layout, notes);
+        return Ok(Source::Plain(reader));
     }
     let whole = word(&mut *reader, storage)?;
     let partial = word(&mut *reader, storage)?;
@@ -109,17 +135,14 @@ fn binary(
         return Err(Cause::TooShort { declared, possible });
     }
     let last = if partial == 0 { whole } else { partial };
-    let mut blocks = Blocks {
+    Ok(Source::Packed(Box::new(Blocks {
         reader,
         sizes: sizes.into_iter(),
         whole,
         last,
         block: None,
         left: 0,
-    };
-    let samples = read_binary(&mut blocks, layout, notes)?;
-    finish(&mut blocks)?;
-    Ok(samples)
+    })))
 }
 
 /// A header word.

@@ -1,4 +1,4 @@
-//! Legacy VTK (`.vtk`), STRUCTURED_POINTS, versions 1.0 to 5.1, ASCII and BINARY (big-endian).
+//! Legacy VTK (`.vtk`), STRUCTURED_POINTS and (through [`crate::vtk_cells`]) UNSTRUCTURED_GRID, versions 1.0 to 5.1, ASCII and BINARY (big-endian).
 //!
 //! Format: VTK file formats, "Simple legacy formats", <https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html>. The
 //! crate `vtkio` 0.7.0-rc2 was tried and is not used: it refuses a blank line after the title (ironProt.vtk) and keeps the whole file. Here the
@@ -12,47 +12,52 @@ use crate::field::{Named, choices, choose};
 use crate::input::{Input, fill, line};
 use crate::sample::{Layout, Scalar, check_text, next_word, read_binary, read_text};
 use crate::volume::{Geometry, loaded};
-use crate::{Loaded, Options};
+use crate::{Loaded, Options, vtk_cells};
 use isobar_core::DVec3;
 use std::io::BufRead;
 
 const FORMAT: &str = "legacy VTK file";
 
 /// An array and where its samples start.
-struct Array {
-    named: Named,
-    kind: Kind,
-    tuples: u64,
-    at: u64,
+pub(crate) struct Array {
+    pub(crate) named: Named,
+    pub(crate) kind: Kind,
+    pub(crate) tuples: u64,
+    pub(crate) at: u64,
 }
 
 /// The type of an array.
 #[derive(Clone, Copy, PartialEq)]
-enum Kind {
+pub(crate) enum Kind {
     Number(Scalar),
     /// Packed, 8 to a byte.
     Bit,
 }
 
 /// What a scan has found so far.
-struct Scan<'a> {
-    input: &'a dyn Input,
+pub(crate) struct Scan<'a> {
+    pub(crate) input: &'a dyn Input,
     reader: Box<dyn BufRead + 'a>,
     /// Position of the reader, bytes.
     at: u64,
-    binary: bool,
+    pub(crate) binary: bool,
+    /// Geometry of an UNSTRUCTURED_GRID: POINTS, CELLS (or OFFSETS and CONNECTIVITY), CELL_TYPES by these names.
+    pub(crate) cells: Option<Vec<Array>>,
     dims: Option<[u64; 3]>,
     spacing: DVec3,
     origin: DVec3,
     /// Of the current section: on cells, tuples.
     section: Option<(bool, u64)>,
-    arrays: Vec<Array>,
+    pub(crate) arrays: Vec<Array>,
 }
 
 /// Reads a legacy VTK file.
 pub(crate) fn read(input: &dyn Input, o: &Options) -> Result<Loaded, Cause> {
     let mut scan = Scan::new(input)?;
     let dims = scan.run()?;
+    if scan.cells.is_some() {
+        return vtk_cells::read(&scan, o);
+    }
     let named: Vec<Named> = scan.arrays.iter().map(|a| a.named.clone()).collect();
     let all = choices(&named);
     let choice = choose(&all, &named, o.field.as_deref())?.clone();
@@ -105,7 +110,7 @@ pub(crate) fn read(input: &dyn Input, o: &Options) -> Result<Loaded, Cause> {
     )
 }
 
-fn malformed(reason: impl Into<String>) -> Cause {
+pub(crate) fn malformed(reason: impl Into<String>) -> Cause {
     Cause::malformed(FORMAT, reason)
 }
 
@@ -116,6 +121,7 @@ impl<'a> Scan<'a> {
             reader: input.open(0)?,
             at: 0,
             binary: false,
+            cells: None,
             dims: None,
             spacing: DVec3::ONE,
             origin: DVec3::ZERO,
@@ -150,6 +156,7 @@ impl<'a> Scan<'a> {
         let dataset = self.words()?.ok_or_else(cut)?;
         match dataset.iter().map(String::as_str).collect::<Vec<_>>()[..] {
             ["DATASET", "STRUCTURED_POINTS"] => {}
+            ["DATASET", "UNSTRUCTURED_GRID"] => (self.cells, self.dims) = (Some(Vec::new()), Some([0; 3])),
             ["DATASET", other, ..] => return Err(Cause::NotYet(format!("legacy VTK data {}", quoted(other)))),
             _ => {
                 return Err(malformed(format!(
@@ -164,7 +171,62 @@ impl<'a> Scan<'a> {
         self.dims.ok_or_else(|| malformed("there are no DIMENSIONS"))
     }
 
+    /// Geometry of an UNSTRUCTURED_GRID; false for other keywords.
+    fn geometry(&mut self, words: &[String]) -> Result<bool, Cause> {
+        let at = |i: usize| words.get(i).map_or("", String::as_str);
+        let int = Kind::Number(Scalar::I32);
+        match words[0].as_str() {
+            "POINTS" => self.place("POINTS", kind(at(2))?, 3, count(at(1))?)?,
+            "CELL_TYPES" => self.place("CELL_TYPES", int, 1, count(at(1))?)?,
+            "CELLS" if self.stands(b"OFFSETS")? => {
+                for (name, n) in [("OFFSETS", count(at(1))?), ("CONNECTIVITY", count(at(2))?)] {
+                    let words = self.words()?.unwrap_or_default();
+                    let [found, kind_name] = &words[..] else {
+                        return Err(malformed(format!(
+                            "{} stands where {name} TYPE should",
+                            quoted(&words.join(" "))
+                        )));
+                    };
+                    if !found.eq_ignore_ascii_case(name) {
+                        return Err(malformed(format!("{} stands where {name} should", quoted(found))));
+                    }
+                    self.place(name, kind(kind_name)?, 1, n)?;
+                }
+            }
+            "CELLS" => {
+                self.place("CELLS", int, 1, count(at(2))?)?;
+                if let Some(cells) = self.cells.as_mut().and_then(|c| c.last_mut()) {
+                    // The number of cells; the values are as many as were skipped.
+                    cells.named.components = usize::try_from(count(at(1))?).unwrap_or(usize::MAX);
+                }
+            }
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    fn place(&mut self, name: &str, kind: Kind, components: u64, tuples: u64) -> Result<(), Cause> {
+        let at = self.at;
+        self.skip(kind, tuples, components)?;
+        if let Some(cells) = &mut self.cells {
+            cells.push(Array {
+                named: Named {
+                    name: name.into(),
+                    components: usize::try_from(components).unwrap_or(usize::MAX),
+                    on_cells: false,
+                },
+                kind,
+                tuples,
+                at,
+            });
+        }
+        Ok(())
+    }
+
     fn keyword(&mut self, words: &[String]) -> Result<(), Cause> {
+        if self.cells.is_some() && self.geometry(words)? {
+            return Ok(());
+        }
         let at = |i: usize| words.get(i).map_or("", String::as_str);
         match words[0].as_str() {
             "DIMENSIONS" => self.dims = Some([count(at(1))?, count(at(2))?, count(at(3))?]),
@@ -304,13 +366,18 @@ impl<'a> Scan<'a> {
 
     /// The `LOOKUP_TABLE name` line after SCALARS, which old writers leave out. What stands there instead may be binary samples.
     fn lookup_line(&mut self) -> Result<(), Cause> {
-        let mut next = [0u8; 64];
-        let n = fill(&mut *self.input.open(self.at)?, &mut next)?;
-        let next = next[..n].trim_ascii_start();
-        if next.get(..12).is_some_and(|w| w.eq_ignore_ascii_case(b"LOOKUP_TABLE")) {
+        if self.stands(b"LOOKUP_TABLE")? {
             self.words()?;
         }
         Ok(())
+    }
+
+    /// Whether this word comes next.
+    fn stands(&self, word: &[u8]) -> Result<bool, Cause> {
+        let mut next = [0u8; 64];
+        let n = fill(&mut *self.input.open(self.at)?, &mut next)?;
+        let next = next[..n].trim_ascii_start();
+        Ok(next.get(..word.len()).is_some_and(|w| w.eq_ignore_ascii_case(word)))
     }
 
     /// METADATA goes on to the next blank line.

@@ -21,9 +21,9 @@ use isobar_core::{Analytic, Interval, Ray};
 const PARTS: f64 = 64.0;
 
 /// Finds what the goal asks for.
-pub(crate) fn search(a: &dyn Analytic, shared: &Shared, c: f64, ray: &Ray, goal: Goal) -> Search {
+pub(crate) fn search(a: &dyn Analytic, shared: &Shared, c: f64, ray: &Ray, goal: Goal<'_>) -> Search {
     let mut out = Search::new(Decided::F64);
-    let map = match shared.local.as_ref().map(|l| l.map(ray)) {
+    let map = match shared.local.as_ref().map(|l| goal.keep(l.map(ray))) {
         Some(Mapped::Outside) => return out,
         Some(Mapped::Ray(map)) => map,
         Some(Mapped::Unclear) | None => {
@@ -75,7 +75,7 @@ struct Run<'a> {
     a: &'a dyn Analytic,
     ray: &'a Ray,
     c: f64,
-    goal: Goal,
+    goal: Goal<'a>,
     start: (f64, f64),
     end: (f64, f64),
     /// Shortest interval.

@@ -1,6 +1,6 @@
 //! A frame held against the truth: CONTRACT `check`, DESIGN section 4.
 
-use crate::{Multiplicity, Oracles, Root, Stages, TruePixel, Truth, TruthError};
+use crate::{Multiplicity, Oracles, Root, Stages, TruePixel, Truth, TruthError, truth::check_clips};
 use isobar_core::{Channels, Claim, DVec3, Frame, Function, NO_SURFACE, Ray, Surface, View};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
@@ -151,6 +151,7 @@ pub fn check(
     if !frame.channels.contains(Channels::T) {
         return Err(TruthError::Channel("t"));
     }
+    check_clips(&view.clips)?;
     // Refuse bad surfaces here; the min/max blocks are built when a pixel needs them.
     if surfaces.iter().any(|s| s.value().is_none()) {
         return Err(TruthError::Unsupported("surfaces that are no isosurfaces"));
@@ -180,7 +181,7 @@ pub fn check(
 impl Checker<'_> {
     fn oracles(&self) -> Option<&Oracles> {
         if self.oracles.get().is_none() {
-            let made = Oracles::new(self.function, self.surfaces).ok()?;
+            let made = Oracles::new(self.function, self.surfaces, &self.view.clips).ok()?;
             // Another thread may have been faster; theirs is as good.
             let _ = self.oracles.set(made);
         }

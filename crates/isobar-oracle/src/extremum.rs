@@ -78,8 +78,9 @@ impl Watch {
             return;
         }
         if p.s1 - p.s0 <= tiny {
-            // The ray only touches the domain.
-            if p.first && p.last && p.b[0].abs() <= limit {
+            // The ray only touches the domain, or a clipping plane ends the stay on a face between cells.
+            let begins = p.first || self.last.is_some_and(|l| (p.s0 - l.at).abs() <= tiny);
+            if begins && p.last && p.b[0].abs() <= limit {
                 self.found = Some(p.s0);
             }
             return;

@@ -17,7 +17,14 @@ use isobar_core::{Function, Lattice, Ray};
 use std::ops::ControlFlow::{self, Break, Continue};
 
 /// Finds what the goal asks for.
-pub(crate) fn search(lattice: &dyn Lattice, function: &dyn Function, shared: &Shared, c: f64, ray: &Ray, goal: Goal) -> Search {
+pub(crate) fn search(
+    lattice: &dyn Lattice,
+    function: &dyn Function,
+    shared: &Shared,
+    c: f64,
+    ray: &Ray,
+    goal: Goal<'_>,
+) -> Search {
     let mut run = Run {
         lattice,
         function,
@@ -34,7 +41,7 @@ pub(crate) fn search(lattice: &dyn Lattice, function: &dyn Function, shared: &Sh
     };
     let mapped = match (&shared.local, goal.least) {
         (_, Decided::Exact) | (None, _) => Mapped::Unclear,
-        (Some(local), _) => local.map(ray),
+        (Some(local), _) => goal.keep(local.map(ray)),
     };
     match mapped {
         Mapped::Outside => {}
@@ -61,7 +68,7 @@ struct Run<'a> {
     shared: &'a Shared,
     c: f64,
     ray: &'a Ray,
-    goal: Goal,
+    goal: Goal<'a>,
     cells: [usize; 3],
     exact: Option<Box<ExactRay>>,
     /// The last cell of a stretch s = c that reaches its end: the last root.
@@ -275,7 +282,8 @@ impl Run<'_> {
 
     fn exact_ray(&mut self) -> Option<&ExactRay> {
         if self.exact.is_none() {
-            self.exact = ExactRay::new(self.ray, self.function.domain(), self.shared.centred).map(Box::new);
+            let exact = self.goal.exact_ray(self.ray, self.function.domain(), self.shared.centred);
+            self.exact = exact.map(Box::new);
         }
         self.exact.as_deref()
     }
@@ -460,7 +468,7 @@ impl Solved {
 }
 
 /// The walk over what lies inside a box of the next coarser level.
-fn inner<'a>(map: &'a RayMap, v: &Visit, stride: f64, count: [usize; 3]) -> Walk<'a> {
+pub(crate) fn inner<'a>(map: &'a RayMap, v: &Visit, stride: f64, count: [usize; 3]) -> Walk<'a> {
     let lo = v.index.map(|i| i * BLOCK);
     Walk {
         map,

@@ -13,8 +13,11 @@
 //! |---|---|---|
 //! | numbers | `real` | units of rounding of f64 and double-double |
 //! | the ray in local coordinates | `map` | coordinates and crossing times of cell faces |
+//! | clipping planes | `clip` | none: exact |
 //! | cells on the way | `walk`, `skip` | no cell is left out; order is kept |
 //! | `s - c` in Bernstein form | `compose` | one absolute bound for all coefficients |
+//! | cubics on tetrahedra | `type6` | cuts between tetrahedra, one bound for all coefficients |
+//! | linear pieces on the cells of a mesh | `tets` | a bound carried along with each number |
 //! | roots of it | `isolate`, `bracket` | Descartes with doubtful signs, brackets in t |
 //! | integers | `exact` | none: exact |
 //! | fields without polynomials | `analytic` | the enclosures of [`isobar_core::Analytic`] |
@@ -26,6 +29,7 @@
 mod analytic;
 mod bracket;
 mod check;
+mod clip;
 mod codec;
 mod compose;
 mod exact;
@@ -38,7 +42,9 @@ mod polynomial;
 mod real;
 mod root;
 mod skip;
+mod tets;
 mod truth;
+mod type6;
 pub mod univariate;
 mod walk;
 

@@ -1,7 +1,17 @@
 //! The oracle of one function and one isovalue.
 
-use crate::{AllRoots, Answer, Decided, Root, analytic, exact::ExactRay, lattice, map::LocalMap, polynomial, skip::Skip};
-use isobar_core::{Function, Ray, Structure};
+use crate::{
+    AllRoots, Answer, Decided, Root, analytic,
+    clip::Kept,
+    exact::ExactRay,
+    extremum::LIMIT,
+    lattice,
+    map::{LocalMap, Mapped},
+    polynomial,
+    skip::Skip,
+    tets, type6,
+};
+use isobar_core::{ClipPlane, Domain, Function, Ray, Structure};
 use std::sync::Arc;
 
 /// Certified roots of s = c along rays. Immutable and shared freely between threads.
@@ -11,6 +21,7 @@ pub struct Oracle {
     isovalue: f64,
     shared: Arc<Shared>,
     least: Decided,
+    clips: Arc<[ClipPlane]>,
 }
 
 /// What does not depend on the isovalue.
@@ -18,15 +29,17 @@ pub struct Oracle {
 pub(crate) struct Shared {
     /// `None`: the domain's numbers are outside the range of stages 1 and 2.
     pub(crate) local: Option<LocalMap>,
-    /// `None` unless the function is a lattice.
+    /// `None` unless the function is a lattice or tetrahedral.
     pub(crate) skip: Option<Skip>,
+    /// `None` unless the function is that of a mesh.
+    pub(crate) tets: Option<tets::Index>,
     /// Whether cells are centred on samples.
     pub(crate) centred: bool,
 }
 
 /// What a search is after.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Goal {
+pub(crate) struct Goal<'a> {
     /// Roots beyond this t are not asked for.
     pub(crate) until: f64,
     /// Only the first root.
@@ -35,6 +48,27 @@ pub(crate) struct Goal {
     pub(crate) watch: bool,
     /// Earliest stage to use: for tests.
     pub(crate) least: Decided,
+    /// What clipping planes keep of the ray.
+    pub(crate) kept: Option<&'a Kept>,
+}
+
+impl Goal<'_> {
+    /// The kept part of a stay.
+    pub(crate) fn keep(&self, mapped: Mapped) -> Mapped {
+        match self.kept {
+            Some(k) => k.narrow(mapped),
+            None => mapped,
+        }
+    }
+
+    /// [`ExactRay::new`] with the kept part of its stay.
+    pub(crate) fn exact_ray(&self, ray: &Ray, domain: &Domain, centred: bool) -> Option<ExactRay> {
+        let mut exact = ExactRay::new(ray, domain, centred)?;
+        if let Some(k) = self.kept {
+            k.narrow_exactly(&mut exact);
+        }
+        Some(exact)
+    }
 }
 
 /// What a search found.
@@ -84,12 +118,22 @@ impl Oracle {
     #[must_use]
     pub fn new(function: Arc<dyn Function>, isovalue: f64) -> Self {
         let structure = function.structure();
-        let centred = matches!(structure, Structure::Lattice(l) if l.basis().centred);
+        let centred = match structure {
+            Structure::Lattice(l) => l.basis().centred,
+            Structure::Tetrahedral(_) => true,
+            _ => false,
+        };
         let skip = match structure {
             Structure::Lattice(l) => Some(Skip::new(l)),
+            Structure::Tetrahedral(t) => Some(Skip::of(t.dims(), |lo, hi| t.range(lo, hi))),
+            _ => None,
+        };
+        let tets = match structure {
+            Structure::Mesh(m) => Some(tets::Index::new(m)),
             _ => None,
         };
         let shared = Shared {
+            tets,
             local: LocalMap::new(function.domain(), centred),
             skip,
             centred,
@@ -99,6 +143,18 @@ impl Oracle {
             isovalue,
             shared: Arc::new(shared),
             least: Decided::F64,
+            clips: Arc::default(),
+        }
+    }
+
+    /// The same with clipping planes: only `t` at which all of them keep the ray's point count, a point exactly on a plane included. Decided
+    /// exactly on the bits of the planes. Caps are not drawn: a plane is taken as an open cut whether it asks for one or not. Planes must
+    /// be finite with normals that are not zero.
+    #[must_use]
+    pub fn with_clips(&self, clips: &[ClipPlane]) -> Self {
+        Self {
+            clips: clips.into(),
+            ..self.clone()
         }
     }
 
@@ -157,7 +213,8 @@ impl Oracle {
 
     /// Whether f32-sized errors in the coefficients could change the first hit: s - c has an extremum (or an end of the stay in the
     /// domain) before or at the first root with `|s - c| <= 8 * 2^-24 * M`, M the greatest `|coefficient - c|` of the piece; or the
-    /// first root is a tangent or a stretch; or the answer is unresolved.
+    /// first root is a tangent or a stretch; or the answer is unresolved. Where clipping planes end the stay, the same holds at that end; and a ray
+    /// that runs so nearly along a plane that f64 arithmetic misplaces the crossing by more than the limit's share of a voxel is undecidable.
     ///
     /// Pieces: cells of a lattice; for a polynomial the parts its stay is cut into (Bernstein coefficients along the ray); for an
     /// analytic field intervals of at most 1/64 of the stay (M is the magnitude of the enclosure).
@@ -168,19 +225,39 @@ impl Oracle {
 
     /// The whole search; near-extrema are noted with `watch` only.
     pub(crate) fn search(&self, ray: &Ray, until: f64, first_only: bool, watch: bool) -> Search {
+        let planes = self.clips.iter().all(|p| p.normal.is_finite() && p.distance.is_finite());
+        if !(self.isovalue.is_finite() && planes && ExactRay::usable(ray, self.function.domain())) {
+            let mut s = Search::new(Decided::Exact);
+            s.unresolved.push((f64::NEG_INFINITY, f64::INFINITY));
+            return s;
+        }
+        let kept = (!self.clips.is_empty()).then(|| {
+            let fine = LIMIT * self.function.domain().voxel() / ray.direction.length();
+            Kept::new(ray, &self.clips, fine)
+        });
         let goal = Goal {
             until,
             first_only,
             watch,
             least: self.least,
+            kept: kept.as_ref(),
         };
-        if !(self.isovalue.is_finite() && ExactRay::usable(ray, self.function.domain())) {
-            let mut s = Search::new(Decided::Exact);
-            s.unresolved.push((f64::NEG_INFINITY, f64::INFINITY));
-            return s;
+        let mut s = if kept.as_ref().is_some_and(Kept::is_nothing) {
+            Search::new(Decided::F64)
+        } else {
+            self.search_for(ray, goal)
+        };
+        if watch && kept.is_some_and(|k| k.grazes) {
+            s.near = Some(f64::NEG_INFINITY);
         }
+        s
+    }
+
+    fn search_for(&self, ray: &Ray, goal: Goal<'_>) -> Search {
         match self.function.structure() {
             Structure::Lattice(l) => lattice::search(l, &*self.function, &self.shared, self.isovalue, ray, goal),
+            Structure::Tetrahedral(t) => type6::search(t, &*self.function, &self.shared, self.isovalue, ray, goal),
+            Structure::Mesh(m) => tets::search(m, &*self.function, &self.shared, self.isovalue, ray, goal),
             Structure::Polynomial(p) => polynomial::search(p, &*self.function, &self.shared, self.isovalue, ray, goal),
             Structure::Analytic(a) => analytic::search(a, &self.shared, self.isovalue, ray, goal),
             // A form this oracle does not know: it decides nothing.

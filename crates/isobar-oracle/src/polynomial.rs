@@ -4,7 +4,7 @@ use crate::{
     Decided, Multiplicity, Root,
     bracket::Bracket,
     compose::{self, MOST},
-    exact::{ExactRay, Piece, Ratio, Roots, Span, algebraic_piece},
+    exact::{Piece, Ratio, Roots, Span, algebraic_piece},
     extremum::{Stretch, Watch},
     isolate::isolate,
     map::{Mapped, RayMap},
@@ -14,7 +14,7 @@ use crate::{
 use isobar_core::{Algebraic, Function, Ray};
 
 /// Finds what the goal asks for.
-pub(crate) fn search(p: &Algebraic, function: &dyn Function, shared: &Shared, c: f64, ray: &Ray, goal: Goal) -> Search {
+pub(crate) fn search(p: &Algebraic, function: &dyn Function, shared: &Shared, c: f64, ray: &Ray, goal: Goal<'_>) -> Search {
     let mut run = Run {
         p,
         function,
@@ -26,7 +26,7 @@ pub(crate) fn search(p: &Algebraic, function: &dyn Function, shared: &Shared, c:
     };
     let mapped = match (&shared.local, goal.least) {
         (_, Decided::Exact) | (None, _) => Mapped::Unclear,
-        (Some(local), _) => local.map(ray),
+        (Some(local), _) => goal.keep(local.map(ray)),
     };
     match mapped {
         Mapped::Outside => {}
@@ -49,7 +49,7 @@ struct Run<'a> {
     function: &'a dyn Function,
     c: f64,
     ray: &'a Ray,
-    goal: Goal,
+    goal: Goal<'a>,
     watch: Watch,
     out: Search,
 }
@@ -143,7 +143,8 @@ impl Run<'_> {
 
     fn exactly(&mut self) {
         self.out.decided = Decided::Exact;
-        let Some((t0, t1)) = ExactRay::new(self.ray, self.function.domain(), false).and_then(|r| r.stay) else {
+        let exact = self.goal.exact_ray(self.ray, self.function.domain(), false);
+        let Some((t0, t1)) = exact.and_then(|r| r.stay) else {
             return;
         };
         let point = t0.compare(&t1).is_eq();

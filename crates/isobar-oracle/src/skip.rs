@@ -25,7 +25,11 @@ fn unflatten(i: usize, n: [usize; 3]) -> [usize; 3] {
 impl Skip {
     /// Ranges of all blocks, each from [`Lattice::range`]; parallel over blocks.
     pub(crate) fn new(lattice: &dyn Lattice) -> Self {
-        let cells = lattice.cells();
+        Self::of(lattice.cells(), |lo, hi| lattice.range(lo, hi))
+    }
+
+    /// The same for any function on cells whose range over a box of cells is known.
+    pub(crate) fn of(cells: [usize; 3], range: impl Fn([usize; 3], [usize; 3]) -> Interval + Sync) -> Self {
         let blocks = cells.map(|n| n.div_ceil(BLOCK));
         let supers = blocks.map(|n| n.div_ceil(BLOCK));
         let block_ranges: Vec<Interval> = (0..blocks.iter().product::<usize>())
@@ -34,7 +38,7 @@ impl Skip {
                 let b = unflatten(i, blocks);
                 let lo = b.map(|i| i * BLOCK);
                 let hi = std::array::from_fn(|a| (lo[a] + BLOCK - 1).min(cells[a] - 1));
-                lattice.range(lo, hi)
+                range(lo, hi)
             })
             .collect();
         let super_ranges = (0..supers.iter().product::<usize>())

@@ -1,7 +1,7 @@
 //! The certified first hits of a whole view.
 
 use crate::{Answer, Decided, Multiplicity, Oracle, Root, oracle::Search};
-use isobar_core::{Function, NO_SURFACE, Ray, Stop, Surface, View};
+use isobar_core::{ClipPlane, Function, NO_SURFACE, Ray, Stop, Surface, View};
 use rayon::prelude::*;
 use std::sync::Arc;
 use thiserror::Error;
@@ -124,12 +124,13 @@ pub struct Oracles {
 }
 
 impl Oracles {
-    /// One oracle per isosurface with opacity above 0: a surface of opacity 0 never hides what is behind it, so it is no hit. The min/max
-    /// blocks are built once.
+    /// One oracle per isosurface with opacity above 0, in what the clipping planes keep: a surface of opacity 0 never hides what is behind
+    /// it, so it is no hit. The min/max blocks are built once.
     ///
     /// # Errors
-    /// [`TruthError::Unsupported`] for surfaces that are no isosurfaces, [`TruthError::TooManySurfaces`].
-    pub fn new(function: &Arc<dyn Function>, surfaces: &[Surface]) -> Result<Self, TruthError> {
+    /// [`TruthError::Unsupported`] for surfaces that are no isosurfaces and for capped planes, [`TruthError::TooManySurfaces`].
+    pub fn new(function: &Arc<dyn Function>, surfaces: &[Surface], clips: &[ClipPlane]) -> Result<Self, TruthError> {
+        check_clips(clips)?;
         if surfaces.len() > usize::from(NO_SURFACE) {
             return Err(TruthError::TooManySurfaces(surfaces.len()));
         }
@@ -141,7 +142,7 @@ impl Oracles {
             if s.opacity > 0.0 {
                 let oracle = match all.first() {
                     Some((_, o)) => o.with_isovalue(c),
-                    None => Oracle::new(function.clone(), c),
+                    None => Oracle::new(function.clone(), c).with_clips(clips),
                 };
                 all.push((i, oracle));
             }
@@ -211,18 +212,24 @@ impl Oracles {
     }
 }
 
+/// Refuses capped planes: a cut through the solid is no root.
+pub(crate) fn check_clips(clips: &[ClipPlane]) -> Result<(), TruthError> {
+    if clips.iter().any(|c| c.cap) {
+        return Err(TruthError::Unsupported("closed cuts; leave out --cap"));
+    }
+    Ok(())
+}
+
 impl Truth {
-    /// The first root of every pixel over all isosurfaces with opacity above 0. Rows in parallel on the current rayon pool; `stop`
+    /// The first root of every pixel over all isosurfaces with opacity above 0, in what the view's clipping planes keep. Rows in parallel on the current rayon pool; `stop`
     /// counts rows.
     ///
     /// # Errors
-    /// [`TruthError::Stopped`]; [`TruthError::View`]; [`TruthError::Unsupported`] for clipping planes and for surfaces that are no isosurfaces.
+    /// [`TruthError::Stopped`]; [`TruthError::View`]; [`TruthError::Unsupported`] for capped clipping planes and for surfaces that are no
+    /// isosurfaces.
     pub fn compute(function: &Arc<dyn Function>, surfaces: &[Surface], view: &View, stop: &Stop) -> Result<Self, TruthError> {
         view.validate()?;
-        if !view.clips.is_empty() {
-            return Err(TruthError::Unsupported("views with clipping planes"));
-        }
-        let oracles = Oracles::new(function, surfaces)?;
+        let oracles = Oracles::new(function, surfaces, &view.clips)?;
         let generator = view.generator();
         let (w, h) = (view.width, view.height);
         // A list of rays is one row: cut it, so that threads share it.

@@ -137,7 +137,7 @@ pub(crate) fn load(name: &str, bytes: &[u8]) -> Result<Loaded, IoError> {
 pub(crate) fn load_field(bytes: &[u8], field: &str) -> Result<Loaded, IoError> {
     let o = Options {
         field: Some(field.into()),
-        nan: None,
+        ..Options::default()
     };
     load_bytes("test", bytes, &o)
 }

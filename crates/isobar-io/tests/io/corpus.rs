@@ -1,6 +1,7 @@
 //! Every fuzz target on stable Rust: the committed corpus, its truncations and seeded mutations. No function may panic.
 
 use crate::build::{Random, base64, bytes, gzip, join, nifti_header, one, vti, zlib};
+use crate::cells;
 use crate::meshes::ply;
 use isobar_io::fuzz;
 use std::path::{Path, PathBuf};
@@ -8,16 +9,18 @@ use std::path::{Path, PathBuf};
 /// A fuzz target: its name, its function.
 type Target = (&'static str, fn(&[u8]));
 
-const TARGETS: [Target; 6] = [
+const TARGETS: [Target; 8] = [
     ("nrrd", fuzz::nrrd),
     ("nifti", fuzz::nifti),
     ("vti", fuzz::vti),
     ("vtk", fuzz::vtk),
+    ("vtu", fuzz::vtu),
+    ("plot3d", fuzz::plot3d),
     ("off", fuzz::off),
     ("ply", fuzz::ply),
 ];
 /// Largest file of the corpus, bytes.
-const LARGEST: usize = 2 << 10;
+const LARGEST: usize = 4 << 10;
 
 fn corpus(target: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target)
@@ -138,8 +141,12 @@ fn seeds() -> Vec<(&'static str, &'static str, Vec<u8>)> {
         &float,
         b"</AppendedData>",
     ]);
+    // A grid without flags: its size is 72 bytes less.
+    let with = cells::plot3d();
+    let size = u32::from_be_bytes([with[0], with[1], with[2], with[3]]) as usize - 72;
+    let plain = join(&[&(size as u32).to_be_bytes(), &with[4..4 + size], &with[4 + size + 72..]]);
     let off = "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 .5\n4 0 1 2 3\n3 3 2 1\n";
-    vec![
+    let mut all = vec![
         ("nrrd", "raw", join(&[&nrrd("spacings: 1 2 3\nencoding: raw"), &data])),
         ("nrrd", "gzip", join(&[&nrrd("space directions: (1,0,0) (0,2,0) (0,0,3)\nspace origin: (1,2,3)\nencoding: gzip"), &gzip(&data)])),
         ("nrrd", "text", join(&[&nrrd("axis mins: 0 0 0\naxis maxs: 1 1 1\ncenters: cell node cell\nencoding: text"), crate::build::text().as_bytes()])),
@@ -179,7 +186,22 @@ fn seeds() -> Vec<(&'static str, &'static str, Vec<u8>)> {
         ("ply", "ascii", ply("ascii", "float", ("uchar", "int"))),
         ("ply", "little", ply("binary_little_endian", "float", ("uchar", "int"))),
         ("ply", "big", ply("binary_big_endian", "double", ("int", "ushort"))),
-    ]
+        ("plot3d", "flags", cells::plot3d()),
+        ("plot3d", "plain", plain),
+        ("plot3d", "short", cells::plot3d()[..300].to_vec()),
+        ("vtk", "cells", cells::vtk(true, 3)),
+        ("vtk", "cells-text", cells::vtk(false, 2)),
+        ("vtk", "cells-offsets", cells::vtk(true, 5)),
+        ("vtk", "cells-offsets-text", cells::vtk(false, 5)),
+    ];
+    let names = ["ascii", "inline", "zlib", "base64", "raw"];
+    all.extend(
+        names
+            .into_iter()
+            .zip(cells::WAYS)
+            .map(|(name, way)| ("vtu", name, cells::vtu(way))),
+    );
+    all
 }
 
 /// The seeds in the corpus are those of the builders. `ISOBAR_BLESS=1` writes them.
@@ -193,7 +215,15 @@ fn the_seeds_are_committed() {
         }
         // Compressed bytes may differ between versions of the compressor: what is compared is what they are read as.
         let committed = std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}; run with ISOBAR_BLESS=1", path.display()));
-        if matches!(target, "off" | "ply") {
+        if target == "plot3d" {
+            assert_eq!(committed, bytes, "{target}/{name}");
+        } else if target == "vtu" || name.starts_with("cells") {
+            let read = |b: &[u8]| match crate::build::load(name, b).unwrap_or_else(|e| panic!("{target}/{e}")).data {
+                isobar_core::Data::Tets(m) => m,
+                other => panic!("{target}/{name} is a {}", other.kind()),
+            };
+            assert_eq!(read(&committed), read(&bytes), "{target}/{name}");
+        } else if matches!(target, "off" | "ply") {
             assert_eq!(
                 isobar_io::load_mesh_bytes(name, &committed).unwrap(),
                 isobar_io::load_mesh_bytes(name, &bytes).unwrap()

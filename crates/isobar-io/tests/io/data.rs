@@ -1,7 +1,7 @@
 //! The real data sets: every file of `structured/` against MANIFEST.tsv, and the meshes.
 
 use crate::build::{grid, samples};
-use isobar_core::{DMat3, DVec3};
+use isobar_core::{DMat3, DVec3, Data};
 use isobar_io::{Options, load, load_mesh};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -87,7 +87,7 @@ fn known_headers_are_understood() {
     let read = |file: &str, field: Option<&str>| {
         let o = Options {
             field: field.map(str::to_owned),
-            nan: None,
+            ..Options::default()
         };
         load(&folder.join(file), &o).unwrap_or_else(|e| panic!("{e}"))
     };
@@ -120,15 +120,16 @@ fn other_kinds_of_data_are_not_read_yet() {
         return;
     };
     let mut n = 0;
-    for part in ["curvilinear", "unstructured", "highorder", "nurbs"] {
+    for part in ["highorder", "nurbs"] {
         for entry in std::fs::read_dir(folder.join(part)).unwrap() {
             let path = entry.unwrap().path();
             let e = load(&path, &Options::default()).expect_err("no reader yet").to_string();
-            assert!(e.contains("is not read yet") && e.lines().count() == 1, "{e}");
+            let said = e.contains("is not read yet") || e.contains("of type 72 (Lagrange) is not supported");
+            assert!(said && e.lines().count() == 1, "{e}");
             n += 1;
         }
     }
-    assert!(n > 20, "only {n} files");
+    assert!(n >= 18, "only {n} files");
 }
 
 #[test]
@@ -175,4 +176,97 @@ fn shipped_volumes_are_read() {
         )
         .unwrap();
     }
+}
+
+/// A mesh: file, points, tetrahedra, default field, its range.
+type Mesh = (&'static str, usize, usize, &'static str, (f64, f64));
+
+/// Every file of `unstructured/` and `curvilinear/` against MANIFEST.tsv: hexahedra give 6 tetrahedra, wedges 3, cells of a PLOT3D grid 5.
+#[test]
+fn every_mesh_of_cells_agrees_with_the_manifest() {
+    let Some(folder) = folder("every_mesh_of_cells_agrees_with_the_manifest") else {
+        return;
+    };
+    let read = |file: &str, o: &Options| {
+        let l = load(&folder.join(file), o).unwrap_or_else(|e| panic!("{e}"));
+        let Data::Tets(m) = l.data.clone() else {
+            panic!("{file} is a {}", l.data.kind())
+        };
+        let (lo, hi) = m.values.iter().fold((f32::MAX, f32::MIN), |(a, b), &v| (a.min(v), b.max(v)));
+        for t in m.cells.iter() {
+            let p = t.map(|i| m.points[i as usize]);
+            assert!((p[1] - p[0]).cross(p[2] - p[0]).dot(p[3] - p[0]) >= 0.0);
+        }
+        (l, m, (f64::from(lo), f64::from(hi)))
+    };
+    let expected: [Mesh; 7] = [
+        ("unstructured/fire_ug.vtu", 12_323, 10_462 * 6, "t", (298.0, 692.0)),
+        ("unstructured/can.vtu", 6_724, 4_800 * 6, "GlobalNodeId", (1.0, 6724.0)),
+        ("unstructured/notch_stress.vtk", 12_717, 2_188 * 6 + 4 * 3, "", (0.0, 0.0)),
+        ("unstructured/utah_torso_voltage.vtu", 8_278, 51_419, "", (-5059.0, 1780.0)),
+        ("curvilinear/bluntfinxyz.bin", 40_960, 187_395, "density", (0.1926, 4.9775)),
+        (
+            "curvilinear/combxyz.bin",
+            57 * 33 * 25,
+            43_008 * 5,
+            "density",
+            (0.1978, 0.7104),
+        ),
+        ("curvilinear/postxyz.bin", 38 * 76 * 38, 102_675 * 5, "density", (1.0, 1.0)),
+    ];
+    for (file, points, tets, field, range) in expected {
+        let (l, m, found) = read(file, &Options::default());
+        assert_eq!((m.points.len(), m.cells.len()), (points, tets), "{file}");
+        if !field.is_empty() {
+            assert_eq!(l.field, field, "{file}");
+        }
+        let near = |a: f64, b: f64| (a - b).abs() <= 0.003 * b.abs().max(0.02);
+        if range.1 > 0.0 {
+            assert!(near(found.0, range.0) && near(found.1, range.1), "{file}: {found:?}");
+        }
+    }
+    // The manifest lists these files and no others.
+    let text = std::fs::read_to_string(folder.join("MANIFEST.tsv")).unwrap();
+    let listed = |l: &&str| (l.starts_with("unstructured/") || l.starts_with("curvilinear/")) && !l.contains("q.bin\t");
+    assert_eq!(text.lines().filter(listed).count(), expected.len());
+    let (l, ..) = read("unstructured/notch_stress.vtk", &Options::default());
+    assert!(
+        l.notes.iter().any(|n| n.starts_with("2192 of 2192 cells have more corners")),
+        "{:?}",
+        l.notes
+    );
+    let (l, ..) = read("curvilinear/bluntfinxyz.bin", &Options::default());
+    assert!(
+        l.notes
+            .iter()
+            .any(|n| n.starts_with("77 of 187395 tetrahedra have no volume")),
+        "{:?}",
+        l.notes
+    );
+    assert_eq!(
+        l.fields,
+        ["density", "momentum", "momentum-x", "momentum-y", "momentum-z", "energy"]
+    );
+    let with = |field: &str, cell_to_point| Options {
+        field: Some(field.into()),
+        cell_to_point,
+        nan: None,
+    };
+    let (.., energy) = read("curvilinear/postxyz.bin", &with("energy", false));
+    assert!((energy.0 + 0.54).abs() < 0.01 && (energy.1 - 4.40).abs() < 0.01, "{energy:?}");
+    let parts = ["momentum-x", "momentum-y", "momentum-z"].map(|f| read("curvilinear/postxyz.bin", &with(f, false)).1);
+    let (_, length, _) = read("curvilinear/postxyz.bin", &with("momentum", false));
+    for i in (0..length.values.len()).step_by(997) {
+        let v = DVec3::from_array(parts.each_ref().map(|p| f64::from(p.values[i]))).length();
+        assert!((v - f64::from(length.values[i])).abs() < 1e-6 * v.max(1e-3));
+    }
+    // Fields of cells need the flag.
+    let can = folder.join("unstructured/can.vtu");
+    let e = load(&can, &with("EQPS", false)).unwrap_err().to_string();
+    assert!(e.contains("field \"EQPS\" on cells") && e.contains("--cell-to-point"), "{e}");
+    let (l, _, range) = read("unstructured/can.vtu", &with("EQPS", true));
+    assert!(
+        range.0 >= 0.0 && range.1 > range.0 && l.notes.iter().any(|n| n.contains("averaged")),
+        "{range:?}"
+    );
 }

@@ -247,7 +247,7 @@ fn vti_files_that_lie() {
     refused(
         "a.vti",
         &edit("Extent=\"0 2 0 3 0 4\">", "Extent=\"0 9223372036854775807 0 3 0 4\">"),
-        "bad VTI file",
+        "bad VTK XML file",
     );
     refused(
         "a.vti",
@@ -274,7 +274,7 @@ fn vti_files_that_lie() {
         &edit("Spacing=", "Direction=\"1 0 0 1 0 0 0 0 1\" Spacing="),
         "unusable",
     );
-    refused("a.vti", &edit("\"ImageData\"", "\"UnstructuredGrid\""), "not read yet");
+    refused("a.vti", &edit("\"ImageData\"", "\"UnstructuredGrid\""), "there are no cells");
     refused("a.vti", &edit("</Piece>", "</Piece><Piece/>"), "2 pieces");
     refused("a.vti", &edit("</PointData>", "</PintData>"), "XML is broken");
     refused("a.vti", &edit("UInt8\" Name=\"s\"", "Bit\" Name=\"s\""), "not a number");
@@ -453,7 +453,8 @@ fn what_is_not_read_yet_says_so() {
     }
     let mut plot3d: Vec<u8> = [2i32, 2, 2].iter().flat_map(|n| n.to_be_bytes()).collect();
     plot3d.extend(vec![0; 96]);
-    refused("a.bin", &plot3d, "PLOT3D grid is not read yet");
+    refused("a.bin", &plot3d, "a grid whose name tells no solution");
+    refused("axyz.bin", &plot3d, "its data file \"aq.bin\": there is no such file");
     refused("a.nrrd.gz", &gzip(b"NRRD0004\ntype: uchar\n"), "unpack it with gunzip");
     refused("a", b"", "empty");
 }
@@ -466,8 +467,8 @@ fn fields_and_replacements_are_checked() {
     assert_volume(&load_field(&file, "value").unwrap(), "u16");
     for nan in [f64::NAN, f64::INFINITY, 1e300] {
         let o = Options {
-            field: None,
             nan: Some(nan),
+            ..Options::default()
         };
         assert!(
             load_bytes("a", &file, &o)

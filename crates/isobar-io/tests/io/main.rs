@@ -1,6 +1,7 @@
 //! All integration tests of isobar-io in one binary.
 
 mod build;
+mod cells;
 mod corpus;
 mod data;
 mod files;

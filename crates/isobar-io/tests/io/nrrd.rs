@@ -134,8 +134,8 @@ fn values_that_change_are_noted() {
     assert_eq!(l.notes, ["2 of 60 float64 samples changed by rounding to float32"]);
     assert_eq!(grid(&l).samples.range().1, 2, "NaN and the infinite one are kept");
     let o = Options {
-        field: None,
         nan: Some(-5.0),
+        ..Options::default()
     };
     let l = load_bytes("a", &file, &o).unwrap();
     assert_eq!(samples(&l)[2..4], [-5.0, -5.0]);

@@ -7,8 +7,6 @@ mod ray;
 mod scaled;
 
 pub(crate) use cell::{algebraic_piece, lattice_piece};
-#[cfg(test)]
-pub(crate) use number::Dyadic;
-pub(crate) use number::Ratio;
+pub(crate) use number::{Dyadic, Ratio, sign};
 pub(crate) use ray::{ExactRay, Span};
-pub(crate) use scaled::{Piece, Roots};
+pub(crate) use scaled::{Piece, Roots, convolve};

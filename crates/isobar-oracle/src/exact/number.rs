@@ -86,6 +86,12 @@ impl Dyadic {
         }
     }
 
+    /// The quotient; `o` is not 0.
+    pub(crate) fn over(&self, o: &Self) -> Ratio {
+        let both = Self::integers([self, o]);
+        Ratio::new(both[0].clone(), both[1].clone())
+    }
+
     pub(crate) fn negated(&self) -> Self {
         Self { m: -&self.m, e: self.e }
     }

@@ -189,6 +189,9 @@ fn c17_c18_tangle_and_mitchell() {
     through(&mitchell, [0.0; 3], Y, &[(-b, 1), (-a, 1), (a, 1), (b, 1)]);
 }
 
+/// Rays of C19, all surfaces together.
+const C19_RAYS: usize = 100_000;
+
 /// From both ends the same set, an even number counted with multiplicity, slopes alternate: closed surfaces inside their boxes.
 #[test]
 fn c19_random_rays_both_ways() {
@@ -197,7 +200,7 @@ fn c19_random_rays_both_ways() {
     let mut total = 0;
     for (name, size) in [("sphere", 1.2), ("torus", 1.4), ("mitchell", 2.4), ("tangle", 2.9)] {
         let o = field(name);
-        for _ in 0..400 {
+        for _ in 0..C19_RAYS / 4 {
             let (a, b) = (random.vector(-size, size), random.vector(-size, size));
             let d = (b - a).normalize();
             let start = a - 16.0 * d;

@@ -109,7 +109,7 @@ fn what_cannot_be_certified_is_refused_and_stop_stops() {
     clipped.clips.push(isobar_core::ClipPlane {
         normal: DVec3::X,
         distance: 0.0,
-        cap: false,
+        cap: true,
     });
     assert!(matches!(
         Truth::compute(&f, &s, &clipped, &Stop::default()),
@@ -177,7 +177,7 @@ fn each_sort_of_error_is_counted() {
     let background = t.pixels.iter().position(|p| !p.is_hit() && !p.undecidable).unwrap();
     assert!(t.pixels[at].is_hit() && !t.pixels[at].undecidable);
     let exit = {
-        let oracles = isobar_oracle::Oracles::new(&f, &s).unwrap();
+        let oracles = isobar_oracle::Oracles::new(&f, &s, &v.clips).unwrap();
         let (roots, _) = oracles.roots(&v.ray(at % 32, at / 32), f64::INFINITY);
         roots.last().unwrap().1.t()
     };

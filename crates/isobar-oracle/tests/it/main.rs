@@ -7,7 +7,9 @@
 mod algebraic;
 mod analytic;
 mod cells;
+mod clips;
 mod frames;
 mod random;
 mod support;
+mod type6;
 mod univariate;

@@ -7,7 +7,7 @@ use isobar_fields::{GridSpline, Kind};
 use isobar_oracle::{AllRoots, Decided, Oracle};
 use std::sync::Arc;
 
-fn agree(a: &AllRoots, b: &AllRoots, r: &Ray) {
+pub(crate) fn agree(a: &AllRoots, b: &AllRoots, r: &Ray) {
     assert_eq!(a.roots.len(), b.roots.len(), "{r:?}\n{a:?}\n{b:?}");
     for (x, y) in a.roots.iter().zip(&b.roots) {
         assert!(x.lo <= y.hi && y.lo <= x.hi, "{r:?}: {x:?} {y:?}");
