@@ -1,6 +1,6 @@
 //! CPU time of a frame of a ruler on a synthetic field: `frame [METHOD] [FIELD] [N] [WxH] [REPEATS] [KNOB=VALUE]...`; defaults:
-//! `march/cpu gyroid 256 1024x768 5`. Prints seconds of each stage, the median CPU time of `render` summed over threads, bytes and
-//! counters. For a profiler: `valgrind --tool=callgrind target/release/examples/frame march/cpu gyroid 128 512x384 1`.
+//! `march/cpu gyroid 256 1024x768 5`. Prints seconds of each stage, the median CPU time of `render` summed over threads, peak memory,
+//! bytes and counters. For a profiler: `valgrind --tool=callgrind target/release/examples/frame march/cpu gyroid 128 512x384 1`.
 
 use isobar_baseline::{MARCH_CPU, MC_CPU};
 use isobar_core::{Data, Grid, Knobs, Method, Request, Samples, Stop, Surface, View};
@@ -31,6 +31,14 @@ fn cpu_seconds() -> f64 {
         })
         .sum();
     sum.max(main) * 1e-9
+}
+
+/// Most memory this process has held, MiB.
+fn peak() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+    let kib = line.and_then(|l| l.trim().trim_end_matches(" kB").parse::<f64>().ok());
+    kib.unwrap_or(f64::NAN) / 1024.0
 }
 
 fn main() {
@@ -74,7 +82,7 @@ fn main() {
     let start = Instant::now();
     r.set_data(&data).expect("the grid is finite");
     let data_seconds = start.elapsed().as_secs_f64();
-    let start = Instant::now();
+    let (start, before) = (Instant::now(), peak());
     r.set_surfaces(&[Surface::isovalue(0.2, 0)]).expect("an isovalue");
     let surface_seconds = start.elapsed().as_secs_f64();
     let view = View::bench(w.parse().expect("width"), h.parse().expect("height"));
@@ -88,9 +96,11 @@ fn main() {
         .collect();
     cpu.sort_by(f64::total_cmp);
     println!(
-        "{id} {name} {n}^3 {size}: data {data_seconds:.3} s, surfaces {surface_seconds:.3} s, render {:.1} ms CPU (least {:.1}), {:?}, {:?}",
+        "{id} {name} {n}^3 {size}: data {data_seconds:.3} s, surfaces {surface_seconds:.3} s, render {:.1} ms CPU (least {:.1}), \
+         peak {:.0} MiB ({before:.0} before the surfaces), {:?}, {:?}",
         cpu[repeats / 2] * 1e3,
         cpu[0] * 1e3,
+        peak(),
         r.memory(),
         r.counters().0
     );

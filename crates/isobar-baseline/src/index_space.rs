@@ -114,4 +114,13 @@ impl IndexRay {
         }
         (t0 <= t1 && t1 < f64::INFINITY).then_some((t0, t1))
     }
+
+    /// The same, of the part that clipping planes keep; `None` where that is nothing.
+    #[inline(always)]
+    pub(crate) fn clip_within(&self, last: [f64; 3], kept: Option<(f64, f64)>) -> Option<(f64, f64)> {
+        let ((first, end), (t0, t1)) = (kept?, self.clip(last)?);
+        let t0 = if first > t0 { first } else { t0 };
+        let t1 = if end < t1 { end } else { t1 };
+        (t0 <= t1).then_some((t0, t1))
+    }
 }

@@ -3,6 +3,9 @@
 //! Simple methods that most systems use, written to be fast and reported without mercy: the other methods are measured against them. None
 //! of them makes a claim. See the README for their knobs, what they cost and where they fail.
 
+#[cfg(test)]
+mod clipping;
+mod given;
 mod index_space;
 mod march;
 #[cfg(feature = "gpu")]

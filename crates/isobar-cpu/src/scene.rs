@@ -18,10 +18,19 @@ fn feature(info: &MethodInfo, what: impl Into<String>) -> Unsupported {
 /// # Errors
 /// [`Unsupported`] with the first thing it cannot do.
 pub fn check_scene(info: &'static MethodInfo, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
+    check_clipped_scene(info, scene, request)?;
+    check_view(info, scene.view)
+}
+
+/// As [`check_scene`], for methods that clip: open cuts are allowed.
+///
+/// # Errors
+/// [`Unsupported`] with the first thing it cannot do.
+pub fn check_clipped_scene(info: &'static MethodInfo, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
     check_kind(info, scene.data)?;
     check_surfaces(info, scene.surfaces)?;
     check_medium(info, scene.medium)?;
-    check_view(info, scene.view)?;
+    check_open_cuts(info, scene.view)?;
     check_request(info, request)
 }
 
@@ -70,6 +79,17 @@ pub fn check_view(info: &MethodInfo, view: &View) -> Result<(), Unsupported> {
         return Ok(());
     }
     Err(feature(info, "clipping planes; leave out --clip"))
+}
+
+/// Refuses closed cuts.
+///
+/// # Errors
+/// [`Unsupported::Feature`] where a clipping plane is capped.
+pub fn check_open_cuts(info: &MethodInfo, view: &View) -> Result<(), Unsupported> {
+    if view.clips.iter().all(|c| !c.cap) {
+        return Ok(());
+    }
+    Err(feature(info, "closed cuts; leave out --cap"))
 }
 
 /// Refuses pixel frusta.

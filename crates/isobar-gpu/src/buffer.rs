@@ -3,6 +3,10 @@
 use crate::{Gpu, GpuError};
 use bytemuck::Pod;
 use std::ops::Range;
+use std::time::Duration;
+
+/// How long to wait for the answer to a mapping after the device is idle: the callback is running then, or never will.
+const CALLBACK: Duration = Duration::from_secs(10);
 
 /// Storage that a shader reads or writes and that can be read back.
 const STORAGE: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE
@@ -159,7 +163,8 @@ impl Gpu {
             });
         })?;
         self.wait()?;
-        match mapped.try_recv() {
+        // Another thread that waits on the same device may be the one that runs the callback, and still be at it.
+        match mapped.recv_timeout(CALLBACK) {
             Ok(Ok(())) => {}
             Ok(Err(e)) => return Err(refused(e.to_string())),
             Err(_) => return Err(refused("the buffer was never mapped".into())),

@@ -84,7 +84,7 @@ impl Method for MarchCpu {
     }
 
     fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
-        support::check_scene(&INFO, scene, request)
+        support::check_clipped_scene(&INFO, scene, request)
     }
 
     fn open(&self, request: &Request) -> Result<Box<dyn Renderer>, RenderError> {

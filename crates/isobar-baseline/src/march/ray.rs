@@ -154,13 +154,14 @@ impl<T: Sample, const W: usize> March<'_, T, W> {
         self.volume.value(self.volume.clamp(ray.at(t)))
     }
 
-    /// Calls `hit(t, i)` for each sign change of s - isovalue i between consecutive samples, in the order of t, until it returns false.
+    /// Calls `hit(t, i)` for each sign change of s - isovalue i between consecutive samples, in the order of t, until it returns false; only in
+    /// the `kept` part of the ray, if any, where its entry into the grid is then the start of what is kept.
     ///
     /// Blocks without an isovalue in their range are stepped over; all samples in one have its class, so the hits are those found
     /// without blocks.
     #[inline(always)]
-    pub(crate) fn run(&self, ray: &IndexRay, work: &mut Work, mut hit: impl FnMut(f64, usize) -> bool) {
-        let Some((t0, t1)) = ray.clip(self.volume.last()) else {
+    pub(crate) fn run(&self, ray: &IndexRay, kept: Option<(f64, f64)>, work: &mut Work, mut hit: impl FnMut(f64, usize) -> bool) {
+        let Some((t0, t1)) = ray.clip_within(self.volume.last(), kept) else {
             return;
         };
         let steps = Steps::new(t0, t1, self.step / ray.speed());

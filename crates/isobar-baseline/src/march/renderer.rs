@@ -4,6 +4,7 @@ use super::INFO;
 use super::blocks::Blocks;
 use super::ray::{March, Work};
 use super::volume::{Sample, Volume};
+use crate::given::Given;
 use crate::index_space::ToIndex;
 use crate::support::{self, Isovalues};
 use isobar_core::{
@@ -135,10 +136,8 @@ pub(crate) struct MarchRenderer {
     request: Request,
     settings: Settings,
     prepared: Option<Prepared>,
-    surfaces: Option<Isovalues>,
-    view: Option<View>,
+    given: Given,
     frame: Frame,
-    drawn: bool,
     totals: Totals,
 }
 
@@ -160,16 +159,13 @@ impl Totals {
 
 impl MarchRenderer {
     pub(crate) fn new(request: &Request) -> Result<Self, RenderError> {
-        support::check_request(&INFO, request)?;
         Ok(Self {
+            given: Given::new(&INFO, request)?,
             pool: Pool::new(request.threads)?,
             settings: Settings::new(&request.knobs)?,
             request: request.clone(),
             prepared: None,
-            surfaces: None,
-            view: None,
             frame: Frame::default(),
-            drawn: false,
             totals: Totals::default(),
         })
     }
@@ -182,25 +178,22 @@ impl MarchRenderer {
 impl Renderer for MarchRenderer {
     fn set_data(&mut self, data: &Arc<Data>) -> Result<(), RenderError> {
         self.prepared = Some(self.prepare(data, &self.settings)?);
-        self.drawn = false;
+        self.given.changed();
         Ok(())
     }
 
     fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {
-        self.surfaces = Some(Isovalues::new(&INFO, surfaces)?);
-        self.drawn = false;
+        self.given.set_surfaces(self.given.isovalues(surfaces)?);
         Ok(())
     }
 
     fn set_medium(&mut self, medium: Option<&TransferFunction>) -> Result<(), RenderError> {
-        Ok(support::check_medium(&INFO, medium)?)
+        self.given.set_medium(medium)
     }
 
     fn set_view(&mut self, view: &View) -> Result<(), RenderError> {
-        support::check_view(&INFO, view)?;
-        view.validate()?;
-        self.view = Some(view.clone());
-        self.drawn = false;
+        self.given.check_view(view)?;
+        self.given.set_view(view);
         Ok(())
     }
 
@@ -213,16 +206,15 @@ impl Renderer for MarchRenderer {
             self.prepared = Some(self.prepare(&data, &settings)?);
         }
         self.settings = settings;
-        self.drawn = false;
+        self.given.changed();
         Ok(())
     }
 
     fn render(&mut self, stop: &Stop) -> Result<RenderTime, RenderError> {
         let prepared = self.prepared.as_ref().ok_or(RenderError::NotReady("set_data"))?;
-        let surfaces = self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
-        let view = self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?;
+        self.given.changed();
+        let (surfaces, view) = self.given.scene()?;
         let start = Instant::now();
-        self.drawn = false;
         self.totals = Totals::default();
         let job = Job {
             prepared,
@@ -246,7 +238,7 @@ impl Renderer for MarchRenderer {
                 }
             }
         })?;
-        self.drawn = true;
+        self.given.drew();
         Ok(RenderTime {
             wall: start.elapsed(),
             device: None,
@@ -254,9 +246,7 @@ impl Renderer for MarchRenderer {
     }
 
     fn read(&mut self, out: &mut Frame) -> Result<(), RenderError> {
-        if !self.drawn {
-            return Err(RenderError::NotReady("render"));
-        }
+        self.given.frame()?;
         copy_frame(&self.frame, out);
         Ok(())
     }
@@ -351,7 +341,7 @@ impl<T: Sample, const W: usize> Kernel for TileKernel<'_, '_, T, W> {
             let ray = to_index.ray(&world);
             let mut work = Work::default();
             let mut sink = PixelSink::new(out, x, y, &world, job.surfaces.all());
-            march.run(&ray, &mut work, |t, i| {
+            march.run(&ray, job.rays.kept(&world), &mut work, |t, i| {
                 let normal = if with_normal {
                     to_index.normal(march.volume.gradient(march.volume.clamp(ray.at(t))))
                 } else {

@@ -359,7 +359,7 @@ fn what_it_cannot_do_is_said() {
     clipped.clips.push(ClipPlane {
         normal: DVec3::X,
         distance: 0.0,
-        cap: false,
+        cap: true,
     });
     let boundary = [Surface {
         kind: SurfaceKind::Boundary,

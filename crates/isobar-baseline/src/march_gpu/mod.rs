@@ -90,7 +90,7 @@ impl Method for MarchGpu {
 
     /// Also opens the shared device, which later calls find open.
     fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
-        support::check_scene(&INFO, scene, request)?;
+        support::check_clipped_scene(&INFO, scene, request)?;
         Gpu::shared().map(|_| ()).map_err(|e| Unsupported::Machine {
             method: INFO.id,
             reason: e.to_string(),

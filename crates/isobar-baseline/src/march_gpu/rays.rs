@@ -54,15 +54,17 @@ impl ToIndex {
         }
     }
 
-    /// The part of a ray inside the domain, for t >= 0, as the device sees it; `length` is -1 where there is none.
-    pub(super) fn ray(&self, r: &isobar_core::Ray) -> (Ray, Entry) {
+    /// The part of a ray inside the domain and in the `kept` part, for t >= 0, as the device sees it; `length` is -1 where there is none.
+    pub(super) fn ray(&self, r: &isobar_core::Ray, kept: Option<(f64, f64)>) -> (Ray, Entry) {
         let miss = Ray {
             length: -1.0,
             ..Ray::default()
         };
         let o = self.vector(r.origin - self.origin);
         let d = self.vector(r.direction);
-        let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
+        let Some((mut t0, mut t1)) = kept else {
+            return (miss, Entry::default());
+        };
         for a in 0..3 {
             if d[a] == 0.0 {
                 if o[a] < 0.0 || o[a] > self.last[a] {
@@ -93,7 +95,10 @@ impl ToIndex {
         (y * view.width..(y + rows) * view.width)
             .into_par_iter()
             .with_min_len(1024)
-            .map(|i| self.ray(&generator.ray(i % view.width, i / view.width)))
+            .map(|i| {
+                let ray = generator.ray(i % view.width, i / view.width);
+                self.ray(&ray, generator.kept(&ray))
+            })
             .unzip()
     }
 }
@@ -108,6 +113,8 @@ fn columns(m: DMat3) -> [[f32; 4]; 3] {
 mod tests {
     use super::*;
     use isobar_core::{Grid, Ray as WorldRay, Samples};
+
+    const EVERYWHERE: Option<(f64, f64)> = Some((0.0, f64::INFINITY));
 
     fn domain(direction: DMat3, spacing: DVec3) -> Domain {
         let samples = Samples::U8(vec![0; 5 * 6 * 7].into());
@@ -133,7 +140,7 @@ mod tests {
                 origin: from,
                 direction: (at - from) * 0.25,
             };
-            let (ray, entry) = to.ray(&r);
+            let (ray, entry) = to.ray(&r, EVERYWHERE);
             let u = |t: f64| d.local(r.at(t));
             let start = u(entry.t);
             let stop = u(entry.t + f64::from(ray.length) / entry.speed);
@@ -163,10 +170,11 @@ mod tests {
     fn rays_past_the_domain_miss_and_from_inside_start_at_zero() {
         let to = ToIndex::new(&domain(DMat3::IDENTITY, DVec3::ONE));
         let ray = |o: [f64; 3], d: [f64; 3]| {
-            to.ray(&WorldRay {
+            let r = WorldRay {
                 origin: DVec3::from(o),
                 direction: DVec3::from(d),
-            })
+            };
+            to.ray(&r, EVERYWHERE)
         };
         assert_eq!(ray([0.0, 5.0, 0.0], [1.0, 0.0, 0.0]).0.length, -1.0);
         assert_eq!(ray([9.0, 0.0, 1.0], [1.0, 0.0, 0.0]).0.length, -1.0);

@@ -6,6 +6,7 @@ use super::data;
 use super::layout::{COLOUR, COUNT_ALL, Hit, Level, NORMALS, Params, Pixel, Ray, SKIP};
 use super::programs::{Filter, Program};
 use super::rays::{Entry, ToIndex};
+use crate::given::Given;
 use crate::support::{self, Isovalues};
 use bytemuck::Zeroable;
 use isobar_core::{
@@ -78,15 +79,6 @@ impl Chunk {
     }
 }
 
-/// What the last `render` left.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Drawn {
-    Nothing,
-    /// No isovalue lies in the range of the data: no kernel ran.
-    Empty,
-    Hits,
-}
-
 /// A renderer of `march/gpu`.
 #[derive(Debug)]
 pub(super) struct MarchRenderer {
@@ -99,10 +91,10 @@ pub(super) struct MarchRenderer {
     uniform: wgpu::Buffer,
     levels: wgpu::Buffer,
     prepared: Option<Prepared>,
-    surfaces: Option<Isovalues>,
-    view: Option<View>,
+    given: Given,
     chunks: Vec<Chunk>,
-    drawn: Drawn,
+    /// No isovalue lies in the range of the data: no kernel ran.
+    empty: bool,
     samples: u64,
 }
 
@@ -111,6 +103,7 @@ impl MarchRenderer {
     pub(super) fn new(gpu: Gpu, request: &Request) -> Result<Self, RenderError> {
         let settings = Settings::new(&request.knobs)?;
         let mut new = Self {
+            given: Given::new(&INFO, request)?,
             pool: Pool::new(request.threads)?,
             uniform: gpu.uniform("parameters", &Params::zeroed())?,
             levels: gpu.storage_empty("isovalues", MOST_LEVELS * size_of::<Level>() as u64)?,
@@ -120,10 +113,8 @@ impl MarchRenderer {
             kernels: Vec::new(),
             builders: Vec::new(),
             prepared: None,
-            surfaces: None,
-            view: None,
             chunks: Vec::new(),
-            drawn: Drawn::Nothing,
+            empty: false,
             samples: 0,
         };
         for program in Program::all(settings.kind, settings.filter) {
@@ -220,7 +211,7 @@ impl MarchRenderer {
     }
 
     fn unbind(&mut self) {
-        self.drawn = Drawn::Nothing;
+        self.given.changed();
         for c in &mut self.chunks {
             c.bind = None;
         }
@@ -328,7 +319,7 @@ impl Renderer for MarchRenderer {
             .prepared
             .as_ref()
             .is_none_or(|p| *p.spline.domain() != *prepared.spline.domain());
-        if let (true, Some(view)) = (moved, &self.view) {
+        if let (true, Some(view)) = (moved, self.given.view()) {
             self.chunks = self.chunks(&prepared.to_index, view)?;
         }
         self.prepared = Some(prepared);
@@ -337,23 +328,20 @@ impl Renderer for MarchRenderer {
     }
 
     fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {
-        self.surfaces = Some(Isovalues::new(&INFO, surfaces)?);
-        self.drawn = Drawn::Nothing;
+        self.given.set_surfaces(self.given.isovalues(surfaces)?);
         Ok(())
     }
 
     fn set_medium(&mut self, medium: Option<&TransferFunction>) -> Result<(), RenderError> {
-        Ok(support::check_medium(&INFO, medium)?)
+        self.given.set_medium(medium)
     }
 
     fn set_view(&mut self, view: &View) -> Result<(), RenderError> {
-        support::check_view(&INFO, view)?;
-        view.validate()?;
+        self.given.check_view(view)?;
         if let Some(p) = &self.prepared {
             self.chunks = self.chunks(&p.to_index, view)?;
         }
-        self.view = Some(view.clone());
-        self.drawn = Drawn::Nothing;
+        self.given.set_view(view);
         Ok(())
     }
 
@@ -380,15 +368,15 @@ impl Renderer for MarchRenderer {
 
     fn render(&mut self, stop: &Stop) -> Result<RenderTime, RenderError> {
         let prepared = self.prepared.as_ref().ok_or(RenderError::NotReady("set_data"))?;
-        let surfaces = self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
-        let view = self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?;
+        self.given.changed();
+        let (surfaces, view) = self.given.scene()?;
         let start = Instant::now();
-        self.drawn = Drawn::Nothing;
         self.samples = 0;
         self.gpu.check()?;
         let (levels, bias) = Self::search(surfaces, prepared.blocks.range);
-        if levels.is_empty() {
-            self.drawn = Drawn::Empty;
+        self.empty = levels.is_empty();
+        if self.empty {
+            self.given.drew();
             return Ok(RenderTime {
                 wall: start.elapsed(),
                 device: self.gpu.report().timestamps.then_some(Duration::ZERO),
@@ -431,7 +419,7 @@ impl Renderer for MarchRenderer {
             device = device.zip(times).map(|(sum, t)| sum + t.iter().sum::<Duration>());
             stop.step();
         }
-        self.drawn = Drawn::Hits;
+        self.given.drew();
         Ok(RenderTime {
             wall: start.elapsed(),
             device,
@@ -439,11 +427,9 @@ impl Renderer for MarchRenderer {
     }
 
     fn read(&mut self, out: &mut Frame) -> Result<(), RenderError> {
-        let (Some(view), true) = (&self.view, self.drawn != Drawn::Nothing) else {
-            return Err(RenderError::NotReady("render"));
-        };
+        let view = self.given.frame()?;
         out.reset(view.width, view.height, self.request.layers.max(1), self.request.channels);
-        if self.drawn == Drawn::Hits {
+        if !self.empty {
             let mut samples = 0;
             for chunk in &self.chunks {
                 samples += self.collect(chunk, view, out)?;

@@ -4,27 +4,175 @@
 //! The hierarchy is f32 and its boxes are widened by more than a ray's rounding, so that it only ever offers too much; the triangle
 //! test is f64, with the ray's origin moved to where it enters the grid.
 
-use super::mesh::{Mesh, Vertex};
+use super::join::Forest;
+use super::mesh::{Block, TooLarge, Vertex};
 use crate::index_space::IndexRay;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
-use obvhs::cwbvh::{CwBvh, builder::build_cwbvh};
+use obvhs::cwbvh::{CwBvh, builder::build_cwbvh, node::CwBvhNode};
 use obvhs::ray::{Ray as BvhRay, RayHit};
 use std::time::Duration;
 
-/// A mesh ready for rays.
+/// A hierarchy over some boxes, at least one, with at most `most` of them in a leaf.
+fn hierarchy(boxes: &[Aabb], most: u32) -> CwBvh {
+    let params = BvhBuildParams {
+        max_prims_per_leaf: most,
+        ..BvhBuildParams::fast_build()
+    };
+    build_cwbvh(boxes, params, &mut Duration::default())
+}
+
+/// What the boxes of a grid are made with.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Space {
+    /// Cells of the grid per edge of the lattice: one over the refinement.
+    scale: f64,
+    /// A ray's f32 coordinates are off by some ulps of the largest coordinate.
+    pad: f32,
+}
+
+impl Space {
+    /// Of a grid of `dims` and a lattice `subdivide` times finer.
+    pub(crate) fn new(dims: [usize; 3], subdivide: usize) -> Self {
+        let largest = dims.iter().copied().max().unwrap_or(1) as f64;
+        Self {
+            scale: 1.0 / subdivide as f64,
+            pad: (largest * 16.0 * f64::from(f32::EPSILON)) as f32,
+        }
+    }
+
+    fn boxed(&self, corners: [[f64; 3]; 3]) -> Aabb {
+        let end = |f: fn(f64, f64) -> f64| {
+            let end = std::array::from_fn::<f32, 3, _>(|a| f(f(corners[0][a], corners[1][a]), corners[2][a]) as f32);
+            glam::Vec3A::from_array(end)
+        };
+        Aabb::new(end(f64::min) - self.pad, end(f64::max) + self.pad)
+    }
+}
+
+/// The triangles of one block with an area, in the order of the leaves of their hierarchy, and its nodes.
+#[derive(Debug)]
+pub(crate) struct Tree {
+    block: Block,
+    nodes: Box<[CwBvhNode]>,
+    bounds: Aabb,
+}
+
+impl Tree {
+    /// `None` where no triangle has an area.
+    pub(crate) fn new(mut block: Block, space: Space) -> Option<Self> {
+        let mut boxes = Vec::with_capacity(block.triangles.len());
+        let position = |v: u16| block.vertices[usize::from(v)].position(block.origin, space.scale);
+        block.triangles.retain(|t| {
+            let [a, b, c] = t.map(position);
+            let keep = a != b && b != c && c != a;
+            if keep {
+                boxes.push(space.boxed([a, b, c]));
+            }
+            keep
+        });
+        let bounds = boxes.iter().copied().reduce(|a, b| a.union(&b))?;
+        let bvh = hierarchy(&boxes, 3);
+        block.triangles = bvh.primitive_indices.iter().map(|&i| block.triangles[i as usize]).collect();
+        Some(Self {
+            block,
+            // The builder leaves room for many more.
+            nodes: bvh.nodes.as_slice().into(),
+            bounds,
+        })
+    }
+}
+
+/// A scene under construction: blocks are added one by one and let go.
+#[derive(Debug)]
+pub(crate) struct Builder {
+    scene: Scene,
+    forest: Forest,
+    bounds: Vec<Aabb>,
+}
+
+impl Builder {
+    pub(crate) fn new(space: Space) -> Self {
+        Self {
+            scene: Scene {
+                vertices: Vec::new(),
+                triangles: Vec::new(),
+                blocks: Vec::new(),
+                hints: Vec::new(),
+                bvh: None,
+                scale: space.scale,
+            },
+            forest: Forest::new(),
+            bounds: Vec::new(),
+        }
+    }
+
+    /// Adds a block.
+    ///
+    /// # Errors
+    /// [`TooLarge`] beyond 2^32 - 1 triangles or vertices.
+    pub(crate) fn add(&mut self, tree: &Tree) -> Result<(), TooLarge> {
+        let s = &mut self.scene;
+        let number = |n: usize| u32::try_from(n).map_err(|_| TooLarge);
+        let (block, first) = (&tree.block, number(s.triangles.len())?);
+        number(s.triangles.len() + block.triangles.len())?;
+        s.blocks.push(Place {
+            origin: block.origin,
+            isovalue: block.isovalue,
+            vertices: number(s.vertices.len())?,
+            triangles: first,
+        });
+        s.vertices.extend_from_slice(&block.vertices);
+        s.triangles.extend_from_slice(&block.triangles);
+        s.hints.resize(s.triangles.len().div_ceil(STRIDE), s.blocks.len() as u32 - 1);
+        self.forest.add(&tree.nodes, first);
+        self.bounds.push(tree.bounds);
+        Ok(())
+    }
+
+    /// Joins the hierarchies of the blocks.
+    pub(crate) fn finish(self) -> Scene {
+        let mut scene = self.scene;
+        scene.vertices.shrink_to_fit();
+        scene.triangles.shrink_to_fit();
+        scene.hints.shrink_to_fit();
+        if !self.bounds.is_empty() {
+            scene.bvh = Some(self.forest.under(&hierarchy(&self.bounds, 1)));
+        }
+        scene
+    }
+}
+
+/// A block's part of the lists of a scene.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    origin: [u16; 3],
+    isovalue: u16,
+    /// Its first vertex.
+    vertices: u32,
+    /// Its first triangle.
+    triangles: u32,
+}
+
+/// A mesh ready for rays: blocks of triangles under one hierarchy.
 ///
-/// One triangle per leaf entry: groups of up to 4 neighbours in one entry took half the time and memory to build, and half as long
-/// again to render (a triangle test with its vertices costs about 50 ns).
+/// The hierarchy is made block by block and joined: over all triangles at once the builder takes 240 bytes per triangle. One
+/// triangle per leaf entry: groups of up to 4 neighbours in one entry took half the time and memory to build, and half as long again to
+/// render (a triangle test with its vertices costs about 50 ns).
 #[derive(Debug)]
 pub(crate) struct Scene {
     vertices: Vec<Vertex>,
-    /// In the order of the hierarchy's leaves.
-    triangles: Vec<[u32; 3]>,
+    /// In the order of the hierarchy's leaves; corners are numbered in their blocks.
+    triangles: Vec<[u16; 3]>,
+    blocks: Vec<Place>,
+    /// The block of every [`STRIDE`]th triangle.
+    hints: Vec<u32>,
     bvh: Option<CwBvh>,
-    /// Cells of the grid per edge of the lattice.
     scale: f64,
 }
+
+/// Triangles per entry of `Scene::hints`.
+const STRIDE: usize = 64;
 
 /// A hit of a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,52 +185,33 @@ pub(crate) struct TriangleHit {
     pub(crate) isovalue: usize,
 }
 
+/// The part of a ray on which hits count.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Part {
+    /// First and last t that clipping planes keep, 0 or more.
+    pub(crate) kept: (f64, f64),
+    /// The stretch inside the grid; hits just outside, by rounding, count.
+    pub(crate) inside: (f64, f64),
+}
+
+impl Part {
+    #[inline(always)]
+    fn keeps(&self, t: f64) -> bool {
+        self.kept.0 <= t && t <= self.kept.1
+    }
+}
+
 /// Hits of one surface nearer than this, in voxels, are one: a ray through an edge meets both triangles.
 const SAME: f64 = 1e-9;
 
 impl Scene {
-    /// Builds the hierarchy over the triangles that have an area; `scale` is one over the refinement, `dims` the grid's.
-    pub(crate) fn new(mut mesh: Mesh, scale: f64, dims: [usize; 3]) -> Self {
-        let largest = dims.iter().copied().max().unwrap_or(1) as f64;
-        // A ray's f32 coordinates are off by some ulps of the largest coordinate.
-        let pad = (largest * 16.0 * f64::from(f32::EPSILON)) as f32;
-        mesh.triangles.retain(|t| {
-            let [a, b, c] = t.map(|i| mesh.vertices[i as usize].position(scale));
-            a != b && b != c && c != a
-        });
-        let boxes: Vec<Aabb> = mesh
-            .triangles
-            .iter()
-            .map(|t| {
-                let p = t.map(|i| mesh.vertices[i as usize].position(scale));
-                let end = |f: fn(f64, f64) -> f64| std::array::from_fn::<f32, 3, _>(|a| f(f(p[0][a], p[1][a]), p[2][a]) as f32);
-                let (lo, hi) = (end(f64::min), end(f64::max));
-                Aabb::new((glam::Vec3A::from_array(lo)) - pad, glam::Vec3A::from_array(hi) + pad)
-            })
-            .collect();
-        let bvh = (!boxes.is_empty()).then(|| {
-            let mut bvh = build_cwbvh(&boxes, BvhBuildParams::fast_build(), &mut Duration::default());
-            mesh.triangles = bvh.primitive_indices.iter().map(|&i| mesh.triangles[i as usize]).collect();
-            bvh.primitive_indices = Vec::new();
-            bvh.nodes.shrink_to_fit();
-            bvh.exact_node_aabbs = None;
-            bvh
-        });
-        mesh.vertices.shrink_to_fit();
-        mesh.triangles.shrink_to_fit();
-        Self {
-            vertices: mesh.vertices,
-            triangles: mesh.triangles,
-            bvh,
-            scale,
-        }
-    }
-
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
         self.vertices.capacity() * size_of::<Vertex>()
-            + self.triangles.capacity() * 12
-            + self.bvh.as_ref().map_or(0, |b| b.nodes.capacity() * size_of_val(&b.nodes[0]))
+            + self.triangles.capacity() * 6
+            + self.blocks.capacity() * size_of::<Place>()
+            + self.hints.capacity() * 4
+            + self.bvh.as_ref().map_or(0, |b| b.nodes.capacity() * size_of::<CwBvhNode>())
     }
 
     /// Triangles with an area.
@@ -90,29 +219,43 @@ impl Scene {
         self.triangles.len()
     }
 
-    fn corners(&self, triangle: u32) -> [[f64; 3]; 3] {
-        self.triangles[triangle as usize].map(|i| self.vertices[i as usize].position(self.scale))
+    /// The block of a triangle.
+    #[inline(always)]
+    fn place(&self, triangle: usize) -> &Place {
+        let mut n = self.hints[triangle / STRIDE] as usize;
+        while self.blocks.get(n + 1).is_some_and(|b| b.triangles as usize <= triangle) {
+            n += 1;
+        }
+        &self.blocks[n]
+    }
+
+    #[inline(always)]
+    fn corners(&self, triangle: usize) -> [[f64; 3]; 3] {
+        let place = self.place(triangle);
+        self.triangles[triangle]
+            .map(|v| self.vertices[place.vertices as usize + usize::from(v)].position(place.origin, self.scale))
     }
 
     /// Index-space normal of a triangle, along the gradient (to where s is greater), any length.
     pub(crate) fn normal(&self, triangle: u32) -> [f64; 3] {
-        let [a, b, c] = self.corners(triangle).map(isobar_core::DVec3::from_array);
+        let [a, b, c] = self.corners(triangle as usize).map(isobar_core::DVec3::from_array);
         (c - a).cross(b - a).to_array()
     }
 
-    /// The first hit with t in [t0, t1], the stretch of the ray inside the grid; counts triangle tests in `tests`.
-    pub(crate) fn first(&self, ray: &IndexRay, [t0, t1]: [f64; 2], tests: &mut u32) -> Option<TriangleHit> {
+    /// The first hit on a part of the ray; counts triangle tests in `tests`.
+    pub(crate) fn first(&self, ray: &IndexRay, part: Part, tests: &mut u32) -> Option<TriangleHit> {
         let bvh = self.bvh.as_ref()?;
+        let (t0, t1) = part.inside;
         let local = Local::new(ray, t0, t1);
         let mut best: Option<(f64, u32)> = None;
         bvh.ray_traverse(local.ray, &mut RayHit::none(), |_, i| {
             *tests += 1;
-            let i = i as u32;
-            let Some(t) = local.woop.hit(self.corners(i)).filter(|t| t0 + t >= 0.0) else {
+            let Some(t) = local.woop.hit(self.corners(i)).filter(|t| part.keeps(t0 + t)) else {
                 return f32::INFINITY;
             };
-            if best.is_none_or(|b| (t, i) < b) {
-                best = Some((t, i));
+            let here = (t, i as u32);
+            if best.is_none_or(|b| here < b) {
+                best = Some(here);
             }
             // widened, so that a hit as near as this one is still looked at
             local.to_bvh(t)
@@ -120,16 +263,17 @@ impl Scene {
         best.map(|(t, triangle)| self.told(t0 + t, triangle))
     }
 
-    /// All hits with t in [t0, t1] in the order of t, each root once, into `out`.
-    pub(crate) fn all(&self, ray: &IndexRay, [t0, t1]: [f64; 2], tests: &mut u32, out: &mut Vec<TriangleHit>) {
+    /// All hits on a part of the ray in the order of t, each root once, into `out`.
+    pub(crate) fn all(&self, ray: &IndexRay, part: Part, tests: &mut u32, out: &mut Vec<TriangleHit>) {
         out.clear();
+        let (t0, t1) = part.inside;
         let Some(bvh) = &self.bvh else {
             return;
         };
         let local = Local::new(ray, t0, t1);
         bvh.ray_traverse_anyhit(local.ray, |_, i| {
             *tests += 1;
-            if let Some(t) = local.woop.hit(self.corners(i as u32)).filter(|t| t0 + t >= 0.0) {
+            if let Some(t) = local.woop.hit(self.corners(i)).filter(|t| part.keeps(t0 + t)) {
                 out.push(self.told(t0 + t, i as u32));
             }
         });
@@ -145,11 +289,10 @@ impl Scene {
     }
 
     fn told(&self, t: f64, triangle: u32) -> TriangleHit {
-        let vertex = self.triangles[triangle as usize][0];
         TriangleHit {
             t,
             triangle,
-            isovalue: self.vertices[vertex as usize].isovalue(),
+            isovalue: usize::from(self.place(triangle as usize).isovalue),
         }
     }
 }
@@ -230,19 +373,29 @@ impl Woop {
 
 #[cfg(test)]
 mod tests {
-    use super::super::mesh::Lattice;
+    use super::super::mesh::{Lattice, blocks};
     use super::*;
     use crate::testing::Seed;
+
+    fn inside(t0: f64, t1: f64) -> Part {
+        Part {
+            kept: (0.0, f64::INFINITY),
+            inside: (t0, t1),
+        }
+    }
 
     fn scene(n: usize, f: impl Fn([f64; 3]) -> f64, c: &[f64]) -> Scene {
         let data: Vec<f32> = (0..n * n * n)
             .map(|i| f([i % n, i / n % n, i / n / n].map(|x| x as f64)) as f32)
             .collect();
-        let mut mesh = Mesh::default();
-        for (i, c) in c.iter().enumerate() {
-            mesh.add(&Lattice::new(&data, [n; 3], 1), *c, i).unwrap();
+        let space = Space::new([n; 3], 1);
+        let mut builder = Builder::new(space);
+        for (i, c) in (0..).zip(c) {
+            let lattice = Lattice::new(&data, [n; 3], 1);
+            let add = |t: Option<Tree>| t.map_or(Ok(()), |t| builder.add(&t));
+            blocks(&lattice, *c, i, |b| Tree::new(b, space), add).unwrap();
         }
-        Scene::new(mesh, 1.0, [n; 3])
+        builder.finish()
     }
 
     /// The hierarchy offers every triangle a ray meets: the same hits as testing all of them.
@@ -268,9 +421,9 @@ mod tests {
             let o = if n % 10 < 3 { o.map(f64::round) } else { o };
             let ray = IndexRay::new(o, d);
             let Some((t0, t1)) = ray.clip([11.0; 3]) else { continue };
-            s.all(&ray, [t0, t1], &mut 0, &mut out);
+            s.all(&ray, inside(t0, t1), &mut 0, &mut out);
             let local = Local::new(&ray, t0, t1);
-            let brute: Vec<f64> = (0..s.len() as u32)
+            let brute: Vec<f64> = (0..s.len())
                 .filter_map(|i| local.woop.hit(s.corners(i)))
                 .map(|t| t0 + t)
                 .filter(|t| *t >= 0.0)
@@ -278,7 +431,7 @@ mod tests {
             for t in &brute {
                 assert!(out.iter().any(|h| (h.t - t).abs() <= 1e-8), "{t} is lost: {out:?}");
             }
-            let first = s.first(&ray, [t0, t1], &mut 0);
+            let first = s.first(&ray, inside(t0, t1), &mut 0);
             assert_eq!(first.map(|h| h.t), brute.iter().copied().min_by(f64::total_cmp));
             assert_eq!(first.map(|h| h.t), out.first().map(|h| h.t));
             found += brute.len();
@@ -292,12 +445,12 @@ mod tests {
         let s = scene(17, |p| -(p.map(|x| (x - 8.0) * (x - 8.0)).iter().sum::<f64>()), &[-30.0]);
         let mut seed = Seed(9);
         let (mut out, mut n) = (Vec::new(), 0);
-        for v in &s.vertices {
-            let target = v.position(1.0);
+        let vertices = (0..s.len()).flat_map(|i| s.corners(i));
+        for target in vertices {
             let o = (seed.point(-1.0, 1.0) + 8.0).to_array();
             let ray = IndexRay::new(o, std::array::from_fn(|a| target[a] - o[a]));
             let (t0, t1) = ray.clip([16.0; 3]).unwrap();
-            s.all(&ray, [t0, t1], &mut 0, &mut out);
+            s.all(&ray, inside(t0, t1), &mut 0, &mut out);
             assert_eq!(out.len(), 1, "towards {target:?}: {out:?}");
             assert!((out[0].t - 1.0).abs() < 1e-6);
             n += 1;
@@ -309,6 +462,6 @@ mod tests {
     fn nothing_is_hit_where_there_is_nothing() {
         let s = scene(4, |p| p[0], &[9.0]);
         let ray = IndexRay::new([-1.0, 1.0, 1.0], [1.0, 0.1, 0.0]);
-        assert_eq!((s.first(&ray, [1.0, 4.0], &mut 0), s.len(), s.bytes()), (None, 0, 0));
+        assert_eq!((s.first(&ray, inside(1.0, 4.0), &mut 0), s.len(), s.bytes()), (None, 0, 0));
     }
 }

@@ -9,6 +9,7 @@
 //! the other way round. Claims are never made.
 
 mod cast;
+mod join;
 mod mesh;
 mod renderer;
 mod table;
@@ -57,7 +58,7 @@ impl Method for McCpu {
     }
 
     fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
-        support::check_scene(&INFO, scene, request)
+        support::check_clipped_scene(&INFO, scene, request)
     }
 
     fn open(&self, request: &Request) -> Result<Box<dyn Renderer>, RenderError> {

@@ -1,14 +1,15 @@
 //! The renderer: grid, mesh and hierarchy, and the tiles.
 
 use super::INFO;
-use super::cast::{Scene, TriangleHit};
-use super::mesh::{Lattice, Mesh};
+use super::cast::{Builder, Part, Scene, Space, Tree, TriangleHit};
+use super::mesh::{self, Lattice};
+use crate::given::Given;
 use crate::index_space::{IndexRay, ToIndex};
 use crate::march::volume::{Point, Sample, Volume};
 use crate::support::{self, Isovalues};
 use isobar_core::{
     Channels, Claim, Counters, Data, Frame, Function, Grid, Hit, Knobs, Memory, Ray, RenderError, RenderTime, Renderer, Request,
-    ResolvedKnobs, Samples, Stage, Stop, Surface, TransferFunction, View,
+    ResolvedKnobs, Samples, Stage, Stop, Surface, TransferFunction, Unsupported, View,
 };
 use isobar_cpu::{PixelSink, Pool, TileOut, copy_frame, render_tiles};
 use isobar_fields::{Border, GridSpline, Kind};
@@ -60,27 +61,22 @@ pub(crate) struct McRenderer {
     request: Request,
     settings: Settings,
     source: Option<Source>,
-    surfaces: Option<Isovalues>,
+    given: Given,
     scene: Option<Scene>,
-    view: Option<View>,
     frame: Frame,
-    drawn: bool,
     tests: AtomicU64,
 }
 
 impl McRenderer {
     pub(crate) fn new(request: &Request) -> Result<Self, RenderError> {
-        support::check_request(&INFO, request)?;
         Ok(Self {
+            given: Given::new(&INFO, request)?,
             pool: Pool::new(request.threads)?,
             settings: Settings::new(&request.knobs)?,
             request: request.clone(),
             source: None,
-            surfaces: None,
             scene: None,
-            view: None,
             frame: Frame::default(),
-            drawn: false,
             tests: AtomicU64::new(0),
         })
     }
@@ -96,80 +92,80 @@ impl McRenderer {
             return Ok(None);
         };
         let grid = source.spline.grid();
-        let mesh = self.pool.install(|| match &grid.samples {
+        let scene = self.pool.install(|| match &grid.samples {
             Samples::U8(s) => extract(s, grid, surfaces, subdivide),
             Samples::I16(s) => extract(s, grid, surfaces, subdivide),
             Samples::U16(s) => extract(s, grid, surfaces, subdivide),
             Samples::F32(s) => extract(s, grid, surfaces, subdivide),
         })?;
-        let scale = 1.0 / subdivide as f64;
-        Ok(Some(self.pool.install(|| Scene::new(mesh, scale, grid.dims))))
+        Ok(Some(scene))
     }
 }
 
-fn extract<T: Sample>(samples: &[T], grid: &Grid, surfaces: &Isovalues, subdivide: usize) -> Result<Mesh, RenderError> {
+fn extract<T: Sample>(samples: &[T], grid: &Grid, surfaces: &Isovalues, subdivide: usize) -> Result<Scene, RenderError> {
     let lattice = Lattice::new(samples, grid.dims, subdivide);
-    let mut mesh = Mesh::default();
-    for (i, c) in surfaces.values().iter().enumerate() {
-        mesh.add(&lattice, *c, i).map_err(|_| RenderError::Memory {
-            what: format!("the marching cubes mesh of {:?} samples subdivided by {subdivide}", grid.dims),
-            bytes: (mesh.bytes() as u64).max(12 << 31),
-            limit: 12 << 31,
+    let space = Space::new(grid.dims, subdivide);
+    let mut builder = Builder::new(space);
+    for (i, c) in (0..).zip(surfaces.values()) {
+        let add = |t: Option<Tree>| t.map_or(Ok(()), |t| builder.add(&t));
+        mesh::blocks(&lattice, *c, i, |block| Tree::new(block, space), add).map_err(|_| Unsupported::Feature {
+            method: INFO.id,
+            what: format!(
+                "{:?} samples subdivided by {subdivide}; {} points along an axis and 2^32 triangles are the most",
+                grid.dims,
+                mesh::MOST_POINTS
+            ),
         })?;
     }
-    Ok(mesh)
+    Ok(builder.finish())
 }
 
 impl Renderer for McRenderer {
     fn set_data(&mut self, data: &Arc<Data>) -> Result<(), RenderError> {
         let source = self.pool.install(|| Source::new(data))?;
-        self.scene = self.build(Some(&source), self.surfaces.as_ref(), self.settings.subdivide)?;
+        self.scene = self.build(Some(&source), self.given.surfaces(), self.settings.subdivide)?;
         self.source = Some(source);
-        self.drawn = false;
+        self.given.changed();
         Ok(())
     }
 
     fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {
-        let surfaces = Isovalues::new(&INFO, surfaces)?;
+        let surfaces = self.given.isovalues(surfaces)?;
         // other colours need no other mesh
-        let same = self.surfaces.as_ref().is_some_and(|s| s.values() == surfaces.values());
+        let same = self.given.surfaces().is_some_and(|s| s.values() == surfaces.values());
         if !(same && self.scene.is_some()) {
             self.scene = self.build(self.source.as_ref(), Some(&surfaces), self.settings.subdivide)?;
         }
-        self.surfaces = Some(surfaces);
-        self.drawn = false;
+        self.given.set_surfaces(surfaces);
         Ok(())
     }
 
     fn set_medium(&mut self, medium: Option<&TransferFunction>) -> Result<(), RenderError> {
-        Ok(support::check_medium(&INFO, medium)?)
+        self.given.set_medium(medium)
     }
 
     fn set_view(&mut self, view: &View) -> Result<(), RenderError> {
-        support::check_view(&INFO, view)?;
-        view.validate()?;
-        self.view = Some(view.clone());
-        self.drawn = false;
+        self.given.check_view(view)?;
+        self.given.set_view(view);
         Ok(())
     }
 
     fn set_knobs(&mut self, knobs: &Knobs) -> Result<(), RenderError> {
         let settings = Settings::new(knobs)?;
         if settings.subdivide != self.settings.subdivide {
-            self.scene = self.build(self.source.as_ref(), self.surfaces.as_ref(), settings.subdivide)?;
+            self.scene = self.build(self.source.as_ref(), self.given.surfaces(), settings.subdivide)?;
         }
         self.settings = settings;
-        self.drawn = false;
+        self.given.changed();
         Ok(())
     }
 
     fn render(&mut self, stop: &Stop) -> Result<RenderTime, RenderError> {
         let source = self.source.as_ref().ok_or(RenderError::NotReady("set_data"))?;
-        let surfaces = self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
+        self.given.changed();
+        let (surfaces, view) = self.given.scene()?;
         let scene = self.scene.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
-        let view = self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?;
         let start = Instant::now();
-        self.drawn = false;
         self.tests = AtomicU64::new(0);
         let job = Job {
             source,
@@ -180,7 +176,7 @@ impl Renderer for McRenderer {
             tests: &self.tests,
         };
         render_tiles(&self.pool, view, &self.request, stop, &mut self.frame, |_, out| job.draw(out))?;
-        self.drawn = true;
+        self.given.drew();
         Ok(RenderTime {
             wall: start.elapsed(),
             device: None,
@@ -188,9 +184,7 @@ impl Renderer for McRenderer {
     }
 
     fn read(&mut self, out: &mut Frame) -> Result<(), RenderError> {
-        if !self.drawn {
-            return Err(RenderError::NotReady("render"));
-        }
+        self.given.frame()?;
         copy_frame(&self.frame, out);
         Ok(())
     }
@@ -248,11 +242,12 @@ impl Job<'_> {
             let ray = self.source.to_index.ray(&world);
             let mut tests = 0;
             hits.clear();
-            if let Some((t0, t1)) = ray.clip(volume.last()) {
+            if let (Some(kept), Some((t0, t1))) = (rays.kept(&world), ray.clip(volume.last())) {
+                let part = Part { kept, inside: (t0, t1) };
                 if first_only {
-                    hits.extend(self.scene.first(&ray, [t0, t1], &mut tests));
+                    hits.extend(self.scene.first(&ray, part, &mut tests));
                 } else {
-                    self.scene.all(&ray, [t0, t1], &mut tests, &mut hits);
+                    self.scene.all(&ray, part, &mut tests, &mut hits);
                 }
             }
             let mut sink = PixelSink::new(out, x, y, &world, self.surfaces.all());

@@ -101,7 +101,7 @@ fn what_cannot_be_drawn_is_refused_and_what_was_set_is_kept() {
     clipped.clips.push(ClipPlane {
         normal: DVec3::X,
         distance: 0.0,
-        cap: false,
+        cap: true,
     });
     assert!(matches!(r.set_view(&clipped), Err(RenderError::Unsupported(_))));
     assert!(matches!(
