@@ -1,15 +1,15 @@
-//! `octree/cpu`: the trilinear caster as a method.
+//! `octree/cpu`: the casters of degrees 1, 2 and 3 as a method.
 
-use crate::bricks::{Active, Bricks, Sample};
-use crate::walk::{Bounds, Entry, Root, Scratch, Search, Space, Walk, Work};
-use glam::DVec3;
+use crate::bricks::{Active, Bricks};
+use crate::smooth::{self, Smooth};
+use crate::trilinear::{self, DrawTile, MARGIN};
+use crate::walk::{Bounds, Search, Space, Work};
 use isobar_core::{
-    Claim, Counters, Data, DataKind, Frame, Function, Grid, Hit, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, Ray,
-    RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Samples, Scene, Stage, Stop, Surface, TransferFunction,
-    Unsupported, View,
+    Counters, Data, DataKind, Frame, Function, Grid, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
+    RenderTime, Renderer, Request, ResolvedKnobs, Samples, Scene, Stage, Stop, Surface, TransferFunction, Unsupported, View,
 };
 use isobar_cpu::scene::{Isovalues, check_medium, check_request, check_scene, check_view, grid};
-use isobar_cpu::{Kernel, Level, PixelSink, Pool, Tile, TileOut, copy_frame, render_tiles};
+use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
 use isobar_fields::{GridSpline, Kind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,17 +17,17 @@ use std::time::Instant;
 
 pub(crate) static INFO: MethodInfo = MethodInfo {
     id: "octree/cpu",
-    summary: "every root of the trilinear interpolant, cell by cell, with proofs in f64",
+    summary: "every root of a trilinear, quadratic or cubic spline, cell by cell, with proofs in f64",
     paper: "Steinberger, Isosurface rendering with spline wavelets and octrees, Graz 2010",
     data: DataKind::GRID,
     hits: true,
     gpu: false,
-    work_unit: "cells visited",
+    work_unit: "active cells crossed",
     knobs: &[
         KnobSpec {
             name: "reconstruction",
             doc: "the function drawn",
-            kind: KnobKind::Choice(&["trilinear"]),
+            kind: KnobKind::Choice(Kind::NAMES),
         },
         KnobSpec {
             name: "claims",
@@ -38,19 +38,17 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
     sweep: ("", &[]),
 };
 
-/// Bricks and cells are taken to meet an isovalue within this much of the greatest |sample - isovalue|; rays whose own bound is larger
-/// (eyes more than some 10^8 voxels away) claim nothing.
-const MARGIN: f64 = 1e-6;
-
 /// The method `octree/cpu`.
 #[derive(Debug)]
 pub struct OctreeCpu;
 
-/// The method `octree/cpu`: exact trilinear ray casting on grids of any sample type.
+/// The method `octree/cpu`: exact ray casting of splines on grids of any sample type.
 ///
-/// All hits in order. Guarantee with `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none before it, with EMPTY none at
-/// all; the proof is the bound derived in `walk.rs`. A pixel without them was not decided: the ray touches the surface, or passes an end of
-/// the domain, within that bound (about 1e-13 of the range of the samples for ordinary views).
+/// The knob `reconstruction` chooses among [`Kind::ALL`]: trilinear, quadratic and cubic B-splines with the samples as coefficients, and the two that
+/// interpolate the samples. All hits in order. Guarantee with `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none
+/// before it, with EMPTY none at all; the proofs are the bounds derived in `walk.rs` (degree 1) and `smooth/caster.rs` (degrees 2 and 3), about
+/// 1e-13 and 1e-11 of the range of the coefficients for ordinary views. A pixel without them was not decided: the ray touches the surface, or
+/// passes an end of the domain, within that bound. Source: Steinberger 2010, sections 3.2 and 3.3; matrices: maths, corrections, section B.
 pub static OCTREE_CPU: OctreeCpu = OctreeCpu;
 
 impl Method for OctreeCpu {
@@ -67,20 +65,24 @@ impl Method for OctreeCpu {
         Ok(Box::new(Octree {
             pool: Pool::new(request.threads)?,
             level: Level::detect(),
-            claims: claims(&request.knobs)?,
+            claims: settings(&request.knobs)?.1,
+            kind: settings(&request.knobs)?.0,
             request: request.clone(),
+            grid: None,
             volume: None,
             surfaces: None,
             view: None,
             prepared: None,
             frame: None,
-            work: Work::default(),
+            work: Counters::default(),
         }))
     }
 }
 
-fn claims(knobs: &Knobs) -> Result<bool, RenderError> {
-    Ok(ResolvedKnobs::new(INFO.knobs, knobs)?.word("claims") == "on")
+/// The reconstruction, and whether to claim.
+fn settings(knobs: &Knobs) -> Result<(Kind, bool), RenderError> {
+    let knobs = ResolvedKnobs::new(INFO.knobs, knobs)?;
+    Ok((knobs.word("reconstruction").parse()?, knobs.word("claims") == "on"))
 }
 
 /// Bricks of any sample type.
@@ -105,18 +107,49 @@ macro_rules! typed {
     };
 }
 
+/// A volume as the caster of its degree has it.
 #[derive(Debug)]
-struct Volume {
+enum Volume {
+    Linear(Box<Linear>),
+    Smooth(Box<Smooth>),
+}
+
+/// The trilinear interpolant.
+#[derive(Debug)]
+struct Linear {
     grid: Grid,
     bricks: AnyBricks,
     range: (f64, f64),
     space: Space,
 }
 
+impl Linear {
+    fn new(grid: &Grid) -> Result<Self, RenderError> {
+        // Refuses what is too thin or not finite.
+        GridSpline::new(grid, Kind::Trilinear, Stage::Stored)?;
+        let dims = grid.dims;
+        let bricks = match &grid.samples {
+            Samples::U8(s) => AnyBricks::U8(Bricks::new(s, dims)),
+            Samples::I16(s) => AnyBricks::I16(Bricks::new(s, dims)),
+            Samples::U16(s) => AnyBricks::U16(Bricks::new(s, dims)),
+            Samples::F32(s) => AnyBricks::F32(Bricks::new(s, dims)),
+        };
+        let mut linear = Self {
+            space: Space::new(grid.domain()),
+            grid: grid.clone(),
+            bricks,
+            range: (0.0, 0.0),
+        };
+        linear.range = typed!(linear, _samples, bricks => bricks.whole());
+        Ok(linear)
+    }
+}
+
+/// What depends on the isovalues.
 #[derive(Debug)]
-struct Prepared {
-    bounds: Vec<Bounds>,
-    active: Active,
+enum Prepared {
+    Linear { bounds: Vec<Bounds>, active: Active },
+    Smooth(smooth::Prepared),
 }
 
 #[derive(Debug)]
@@ -124,29 +157,47 @@ struct Octree {
     pool: Pool,
     level: Level,
     claims: bool,
+    kind: Kind,
     request: Request,
+    grid: Option<Grid>,
     volume: Option<Volume>,
     surfaces: Option<Isovalues>,
     view: Option<View>,
     /// Made when data and surfaces are both known.
     prepared: Option<Prepared>,
     frame: Option<Frame>,
-    work: Work,
+    work: Counters,
 }
 
 impl Octree {
+    /// Makes the volume from the grid and the reconstruction.
+    fn load(&mut self) -> Result<(), RenderError> {
+        self.volume = None;
+        self.prepared = None;
+        let Some(grid) = &self.grid else { return Ok(()) };
+        let kind = self.kind;
+        let volume = self.pool.install(|| match kind {
+            Kind::Trilinear => Linear::new(grid).map(|l| Volume::Linear(Box::new(l))),
+            _ => Ok(Volume::Smooth(Box::new(Smooth::new(grid, kind)?))),
+        })?;
+        self.volume = Some(volume);
+        self.prepare();
+        Ok(())
+    }
+
     fn prepare(&mut self) {
         self.prepared = None;
         if let (Some(volume), Some(surfaces)) = (&self.volume, &self.surfaces) {
-            let bounds: Vec<_> = surfaces
-                .values()
-                .iter()
-                .map(|&c| Bounds::new(c, MARGIN, volume.range))
-                .collect();
-            let active = self
-                .pool
-                .install(|| typed!(volume, _samples, bricks => Active::new(bricks, &bounds)));
-            self.prepared = Some(Prepared { bounds, active });
+            let prepared = self.pool.install(|| match volume {
+                Volume::Smooth(smooth) => Prepared::Smooth(smooth.prepare(surfaces.values())),
+                Volume::Linear(linear) => {
+                    let bound = |&c: &f64| Bounds::new(c, MARGIN, linear.range);
+                    let bounds: Vec<_> = surfaces.values().iter().map(bound).collect();
+                    let active = typed!(linear, _samples, bricks => Active::new(bricks, &bounds));
+                    Prepared::Linear { bounds, active }
+                }
+            });
+            self.prepared = Some(prepared);
         }
     }
 }
@@ -154,28 +205,11 @@ impl Octree {
 impl Renderer for Octree {
     fn set_data(&mut self, data: &Arc<Data>) -> Result<(), RenderError> {
         let grid = grid(&INFO, data)?;
-        // Refuses what is too thin or not finite.
-        GridSpline::new(grid, Kind::Trilinear, Stage::Stored)?;
-        let dims = grid.dims;
-        if dims.iter().any(|&n| n > 1 << 30) {
-            return Err(isobar_core::DataError::Dims(dims).into());
+        if grid.dims.iter().any(|&n| n > 1 << 30) {
+            return Err(isobar_core::DataError::Dims(grid.dims).into());
         }
-        let bricks = self.pool.install(|| match &grid.samples {
-            Samples::U8(s) => AnyBricks::U8(Bricks::new(s, dims)),
-            Samples::I16(s) => AnyBricks::I16(Bricks::new(s, dims)),
-            Samples::U16(s) => AnyBricks::U16(Bricks::new(s, dims)),
-            Samples::F32(s) => AnyBricks::F32(Bricks::new(s, dims)),
-        });
-        let mut volume = Volume {
-            space: Space::new(grid.domain()),
-            grid: grid.clone(),
-            bricks,
-            range: (0.0, 0.0),
-        };
-        volume.range = typed!(volume, _samples, bricks => bricks.whole());
-        self.volume = Some(volume);
-        self.prepare();
-        Ok(())
+        self.grid = Some(grid.clone());
+        self.load()
     }
 
     fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {
@@ -196,7 +230,12 @@ impl Renderer for Octree {
     }
 
     fn set_knobs(&mut self, knobs: &Knobs) -> Result<(), RenderError> {
-        self.claims = claims(knobs)?;
+        let (kind, claims) = settings(knobs)?;
+        self.claims = claims;
+        if kind != self.kind {
+            self.kind = kind;
+            self.load()?;
+        }
         Ok(())
     }
 
@@ -208,25 +247,43 @@ impl Renderer for Octree {
         let start = Instant::now();
         let total = SharedWork::default();
         let frame = self.frame.get_or_insert_with(Frame::default);
-        let result = typed!(volume, samples, _bricks => {
-            let search = Search {
-                samples,
-                dims: volume.grid.dims,
-                active: &prepared.active,
-                bounds: &prepared.bounds,
-                margin: MARGIN,
-                claims: self.claims,
-            };
-            render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
-                total.add(self.level.run(DrawTile { search, space: &volume.space, view, surfaces, tile, out }));
-            })
-        });
+        let result = match (volume, prepared) {
+            (Volume::Linear(volume), Prepared::Linear { bounds, active }) => typed!(volume, samples, _bricks => {
+                let search = Search {
+                    samples,
+                    dims: volume.grid.dims,
+                    active,
+                    bounds,
+                    margin: MARGIN,
+                    claims: self.claims,
+                };
+                render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
+                    let tile = DrawTile { search, space: &volume.space, view, surfaces, tile, out };
+                    total.linear(trilinear::draw(self.level, tile));
+                })
+            }),
+            (Volume::Smooth(volume), Prepared::Smooth(prepared)) => {
+                let (level, claims) = (self.level, self.claims);
+                render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
+                    let job = smooth::Job {
+                        view,
+                        surfaces,
+                        tile,
+                        out,
+                        level,
+                        claims,
+                    };
+                    total.smooth(volume.draw(prepared, job));
+                })
+            }
+            _ => unreachable!("what is prepared is made from the volume beside it"),
+        };
         if let Err(e) = result {
             // A frame drawn in part is none.
             self.frame = None;
             return Err(e);
         }
-        self.work = total.get();
+        self.work = total.get(matches!(volume, Volume::Smooth(_)));
         Ok(RenderTime {
             wall: start.elapsed(),
             device: None,
@@ -239,128 +296,73 @@ impl Renderer for Octree {
     }
 
     fn reconstruction(&self, stage: Stage) -> Option<Arc<dyn Function>> {
-        let spline = GridSpline::new(&self.volume.as_ref()?.grid, Kind::Trilinear, stage).ok()?;
-        Some(Arc::new(spline))
+        match self.volume.as_ref()? {
+            Volume::Linear(linear) => Some(Arc::new(GridSpline::new(&linear.grid, Kind::Trilinear, stage).ok()?)),
+            Volume::Smooth(smooth) => smooth.function(stage),
+        }
     }
 
     fn memory(&self) -> Memory {
-        let bricks = self.volume.as_ref().map_or(0, |v| typed!(v, _samples, b => b.bytes()));
-        let active = self.prepared.as_ref().map_or(0, |p| p.active.bytes());
+        let (coefficients, bricks) = match &self.volume {
+            None => (0, 0),
+            Some(Volume::Linear(v)) => (0, typed!(v, _samples, b => b.bytes())),
+            Some(Volume::Smooth(v)) => v.bytes(),
+        };
+        let active = match &self.prepared {
+            None => 0,
+            Some(Prepared::Linear { active, .. }) => active.bytes(),
+            Some(Prepared::Smooth(p)) => p.bytes(),
+        };
         Memory {
+            coefficients: coefficients as u64,
             index: (bricks + active) as u64,
             ..Memory::default()
         }
     }
 
     fn counters(&self) -> Counters {
-        let active = self.prepared.as_ref().map_or(0, |p| p.active.count());
-        Counters(vec![
-            ("nodes", self.work.nodes),
-            ("bricks", self.work.bricks),
-            ("cells", self.work.cells),
-            ("cubics", self.work.cubics),
-            ("active bricks", active as u64),
-        ])
+        let active = match &self.prepared {
+            None => 0,
+            Some(Prepared::Linear { active, .. }) => active.count(),
+            Some(Prepared::Smooth(p)) => p.active_bricks(),
+        };
+        let mut counters = self.work.clone();
+        counters.0.push(("active bricks", active as u64));
+        counters
     }
 }
 
 /// Work of all tiles.
 #[derive(Debug, Default)]
-struct SharedWork([AtomicU64; 4]);
+struct SharedWork([AtomicU64; 5]);
 
 impl SharedWork {
-    fn add(&self, w: Work) {
-        for (total, n) in self.0.iter().zip([w.nodes, w.bricks, w.cells, w.cubics]) {
+    fn add(&self, work: [u64; 5]) {
+        for (total, n) in self.0.iter().zip(work) {
             total.fetch_add(n, Ordering::Relaxed);
         }
     }
 
-    fn get(&self) -> Work {
-        let [nodes, bricks, cells, cubics] = [0, 1, 2, 3].map(|i| self.0[i].load(Ordering::Relaxed));
-        Work {
-            nodes,
-            bricks,
-            cells,
-            cubics,
-        }
+    fn linear(&self, w: Work) {
+        self.add([w.nodes, w.bricks, w.cells, w.cubics, 0]);
     }
-}
 
-struct DrawTile<'a, 'b, T> {
-    search: Search<'a, T>,
-    space: &'a Space,
-    view: &'a View,
-    surfaces: &'a Isovalues,
-    tile: Tile,
-    out: &'a mut TileOut<'b>,
-}
-
-impl<T: Sample> Kernel for DrawTile<'_, '_, T> {
-    type Output = Work;
-
-    #[inline(always)]
-    fn run(self) -> Work {
-        let Self {
-            mut search,
-            space,
-            view,
-            surfaces,
-            tile,
-            out,
-        } = self;
-        let rays = view.generator();
-        let mut scratch = Scratch::new(surfaces.values().len());
-        let mut work = Work::default();
-        if surfaces.values().is_empty() {
-            for (x, y) in tile.pixels() {
-                PixelSink::new(out, x, y, &rays.ray(x, y), surfaces.all())
-                    .finish(if search.claims { Claim::EMPTY } else { Claim::empty() }, 0);
-            }
-            return work;
-        }
-        for (x, y) in tile.pixels() {
-            let ray = rays.ray(x, y);
-            search.margin = space.margin(ray.origin);
-            let before = work.cells;
-            let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
-            let mut claim = Claim::empty();
-            let mut certain = search.margin <= MARGIN;
-            match Walk::enter(&ray, space, search.margin) {
-                Entry::Through(walk) => {
-                    let sure = certain;
-                    certain &= search.roots(walk, &mut scratch, &mut work, |root| {
-                        if sink.hits() == 0 && sure && root.error.is_finite() {
-                            claim = if root.first {
-                                Claim::EXISTS | Claim::FIRST
-                            } else {
-                                Claim::EXISTS
-                            };
-                        }
-                        sink.push(&hit(&ray, root, surfaces, space, !claim.is_empty()))
-                    });
-                }
-                Entry::Misses { certain: missed } => certain &= missed,
-            }
-            if sink.hits() == 0 && certain {
-                claim = Claim::EMPTY;
-            }
-            if !search.claims {
-                claim = Claim::empty();
-            }
-            sink.finish(claim, (work.cells - before) as u32);
-        }
-        work
+    fn smooth(&self, w: smooth::Work) {
+        self.add([w.nodes, w.bricks, w.cells, w.filtered, w.composed]);
     }
-}
 
-#[inline(always)]
-fn hit(ray: &Ray, root: &Root, surfaces: &Isovalues, space: &Space, exists: bool) -> Hit {
-    let g = space.world_gradient(root.gradient);
-    Hit {
-        t: root.t,
-        point: ray.at(root.t),
-        normal: g.normalize_or(DVec3::ZERO).as_vec3().to_array(),
-        surface: surfaces.surface(root.surface),
-        t_error: if exists { root.error } else { f64::INFINITY },
+    fn get(&self, smooth: bool) -> Counters {
+        let names: &[&str] = if smooth {
+            &["nodes", "bricks", "cells", "compositions in f32", "compositions in f64"]
+        } else {
+            &["nodes", "bricks", "cells", "cubics"]
+        };
+        Counters(
+            names
+                .iter()
+                .zip(&self.0)
+                .map(|(&n, w)| (n, w.load(Ordering::Relaxed)))
+                .collect(),
+        )
     }
 }

@@ -1,7 +1,7 @@
 //! Steinberger 2010: octree ray casting of splines on regular grids.
 //!
-//! M. Steinberger, *Isosurface rendering with spline wavelets and octrees* (thesis, Graz 2010). So far this crate holds the trilinear caster
-//! `octree/cpu`: every root of the trilinear interpolant along a ray, with proofs where f64 arithmetic gives them. What of the thesis
+//! M. Steinberger, *Isosurface rendering with spline wavelets and octrees* (thesis, Graz 2010). So far this crate holds the caster
+//! `octree/cpu` of degrees 1, 2 and 3: every root of the spline along a ray, with proofs where f64 arithmetic gives them. What of the thesis
 //! is not here yet is listed in the README.
 //!
 //! ```
@@ -22,10 +22,25 @@
 //! ```
 
 mod bricks;
+mod cell;
+pub mod compose;
 mod cpu;
 mod cubic;
+pub mod finders;
+#[cfg(feature = "gpu")]
+mod gpu;
+mod packet;
+mod packet_cells;
+mod packet_finish;
+mod packet_lanes;
+mod packet_view;
+mod smooth;
 #[cfg(test)]
 mod tests;
+mod trilinear;
 mod walk;
+pub mod wavelet;
 
 pub use cpu::{OCTREE_CPU, OctreeCpu};
+#[cfg(feature = "gpu")]
+pub use gpu::{OCTREE_GPU, OctreeGpu};

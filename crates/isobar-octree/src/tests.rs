@@ -38,7 +38,19 @@ fn request(layers: usize) -> Request {
 }
 
 fn draw(data: &Arc<Data>, surfaces: &[Surface], view: &View, layers: usize) -> (Frame, Box<dyn Renderer>) {
-    let mut r = OCTREE_CPU.open(&request(layers)).unwrap();
+    draw_request(data, surfaces, view, &request(layers))
+}
+
+/// Without the number of hits the first one ends a ray, and tiles are drawn in packets.
+fn first_hits() -> Request {
+    Request {
+        channels: Channels::all() - Channels::HITS,
+        ..Request::default()
+    }
+}
+
+fn draw_request(data: &Arc<Data>, surfaces: &[Surface], view: &View, request: &Request) -> (Frame, Box<dyn Renderer>) {
+    let mut r = OCTREE_CPU.open(request).unwrap();
     r.set_data(data).unwrap();
     r.set_surfaces(surfaces).unwrap();
     r.set_view(view).unwrap();
@@ -52,12 +64,16 @@ fn checked(data: &Arc<Data>, surfaces: &[Surface], view: &View) -> Check {
     let (frame, r) = draw(data, surfaces, view, 1);
     let f = r.reconstruction(Stage::Stored).unwrap();
     let truth = Truth::compute(&f, surfaces, view, &Stop::default()).unwrap();
-    let c = check(&frame, &truth, &f, surfaces, view).unwrap();
-    assert_eq!(
-        (c.missed, c.false_hits, c.wrong_root, c.wrong_surface, c.refuted),
-        (0, 0, 0, 0, 0)
-    );
-    c
+    let right = |frame: &Frame| {
+        let c = check(frame, &truth, &f, surfaces, view).unwrap();
+        assert_eq!(
+            (c.missed, c.false_hits, c.wrong_root, c.wrong_surface, c.refuted),
+            (0, 0, 0, 0, 0)
+        );
+        c
+    };
+    right(&frame);
+    right(&draw_request(data, surfaces, view, &first_hits()).0)
 }
 
 fn synthetic(spec: &str) -> Arc<Data> {
@@ -248,4 +264,147 @@ fn claims_can_be_switched_off_and_an_isovalue_costs_no_rebuild() {
         "an isovalue outside the range is a proved miss"
     );
     assert!(r.memory().index < before);
+}
+
+/// Views from outside and inside, parallel rays, axes in any direction, images that tiles do not divide, directions of both signs in a tile.
+#[test]
+fn packets_agree_with_single_rays_and_the_oracle() {
+    let turned = DMat3::from_rotation_z(0.3) * DMat3::from_rotation_x(-1.1);
+    let grids = [
+        noise([19, 14, 23], DVec3::new(1.0, 1.5, 0.7), DMat3::IDENTITY, 4),
+        noise([12, 12, 12], DVec3::ONE, turned, 5),
+        noise([9, 30, 11], DVec3::ONE, DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0)), 6),
+    ];
+    let isovalue = [Surface::isovalue(0.75, 0)];
+    for data in &grids {
+        let (lo, hi) = data.bounds();
+        let (middle, size) = ((lo + hi) * 0.5, hi - lo);
+        let look = |eye: DVec3, to: DVec3| View::perspective(eye, to, DVec3::new(0.1, 0.2, 1.0), 50.0, 75, 50);
+        let views = [
+            View::fit(data.bounds(), 40.0, 75, 50),
+            View::fit_from(data.bounds(), -DVec3::X, DVec3::Z, 40.0, 75, 50),
+            look(middle + size * 0.2, middle - size),
+            look(lo + size * DVec3::new(0.5, 0.01, 0.5), hi),
+            look(middle + size * 1.2, middle + size * 2.0),
+            View {
+                camera: isobar_core::Camera::Orthographic {
+                    eye: middle + size * DVec3::new(1.0, -1.4, 0.8),
+                    target: middle,
+                    up: DVec3::Z,
+                    height: size.length(),
+                },
+                ..View::bench(75, 50)
+            },
+        ];
+        for (i, view) in views.iter().enumerate() {
+            let c = checked(data, &isovalue, view);
+            assert!(c.hits > 100 || i == 4, "view {i}: {} hits", c.hits);
+            let (one, _) = draw(data, &isovalue, view, 1);
+            let (packets, _) = draw_request(data, &isovalue, view, &first_hits());
+            assert_eq!(one.claim, packets.claim, "view {i}");
+            for (p, (a, b)) in one.t.iter().zip(&packets.t).enumerate() {
+                assert!(a == b || (a - b).abs() < 1e-10, "view {i}, pixel {p}: {a} and {b}");
+            }
+            let apart = |a: &[f32; 3], b: &[f32; 3]| (0..3).any(|k| (a[k] - b[k]).abs() > 1e-5);
+            let normals = one.normal.iter().zip(&packets.normal);
+            assert_eq!(normals.filter(|(a, b)| apart(a, b)).count(), 0, "view {i}");
+        }
+    }
+}
+
+/// hardcases C5, C7: a surface that touches a face, an edge or a vertex of cells from one side is hit once; so is one that crosses there.
+#[test]
+fn roots_shared_by_cells_are_one_hit() {
+    let of = |f: &dyn Fn(f64, f64, f64) -> f64| {
+        let samples: Vec<f32> = (0..7 * 7 * 7)
+            .map(|i| f((i % 7) as f64 - 3.0, (i / 7 % 7) as f64 - 3.0, (i / 49) as f64 - 3.0) as f32)
+            .collect();
+        Arc::new(Data::Grid(Grid::unit([7; 3], Samples::F32(samples.into())).unwrap()))
+    };
+    let fields: [&dyn Fn(f64, f64, f64) -> f64; 5] = [
+        &|x, _, _| x.abs(),
+        &|x, _, _| -x.abs(),
+        &|x, y, z| x * x + y * y + z * z,
+        &|x, y, z| x * y - z,
+        &|x, _, _| x.abs().max(1.0) - 1.0,
+    ];
+    let mut touched = 0;
+    for (n, f) in fields.into_iter().enumerate() {
+        let data = of(f);
+        let mut rays = Vec::new();
+        for offset in [DVec3::ZERO, DVec3::new(0.0, 0.5, 0.25), DVec3::new(0.0, 0.5, 0.0)] {
+            for d in [DVec3::X, -DVec3::X, DVec3::new(1.0, 0.5, 0.25), DVec3::ONE] {
+                let origin = DVec3::splat(3.0) + offset - d * 5.0;
+                rays.push(Ray { origin, direction: d });
+            }
+        }
+        let (frame, r) = draw(&data, &[Surface::isovalue(0.0, 0)], &View::rays(rays.clone()), 6);
+        let oracle = Oracle::new(r.reconstruction(Stage::Stored).unwrap(), 0.0);
+        for (i, ray) in rays.iter().enumerate() {
+            let roots = oracle.all(ray).roots;
+            assert_eq!(usize::from(frame.hits[i]), roots.len(), "field {n}, ray {i}: {roots:?}");
+            for (l, root) in roots.iter().enumerate() {
+                let t = frame.t[l * rays.len() + i];
+                assert!(root.distance(t) < 1e-4, "field {n}, ray {i}: {t} instead of {root:?}");
+            }
+            touched += roots.len();
+        }
+    }
+    assert!(touched >= 50, "{touched} roots");
+}
+
+/// hardcases B5, B7, C4 to C11: touching and triple roots on faces, edges and vertices of cells, an isovalue equal to samples, a plateau.
+#[test]
+fn hard_cases_are_those_of_the_oracle() {
+    let grid =
+        |dims: [usize; 3], samples: Vec<f32>| Arc::new(Data::Grid(Grid::unit(dims, Samples::F32(samples.into())).unwrap()));
+    let ray = |o: [f64; 3], d: [f64; 3]| Ray {
+        origin: o.into(),
+        direction: d.into(),
+    };
+    let peak = (0..27).map(|i| f32::from(i == 13)).collect();
+    let ramp = (0..24).map(|i| [0.0, 1.0, 2.0, 2.0, 3.0, 4.0][i % 6]).collect();
+    let (x, y, z, all) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0; 3]);
+    let cases = [
+        (
+            "B5",
+            grid([3; 3], peak),
+            1.0,
+            vec![ray([-1.0, 1.0, 1.0], x), ray([-1.0; 3], all), ray([-1.0, 1.0, 1.25], x)],
+        ),
+        (
+            "B7",
+            grid([6, 2, 2], ramp),
+            2.0,
+            vec![ray([-1.0, 0.5, 0.5], x), ray([6.0, 0.25, 0.75], [-1.0, 0.0, 0.0])],
+        ),
+        ("C4", synthetic("torus,n=65"), 0.0, vec![ray([-2.0, 0.75, 0.0], x)]),
+        (
+            "C5",
+            synthetic("torus,n=65"),
+            0.0,
+            vec![ray([0.75, 0.0, -2.0], z), ray([-2.0, 1.25, 0.0], x)],
+        ),
+        ("C6c", synthetic("teardrop,n=65"), 0.0, vec![ray([0.0, 0.0, -2.0], z)]),
+        ("C7", synthetic("cayley,n=65"), 0.0, vec![ray([-0.5, -0.5, -2.0], z)]),
+        ("C8c", synthetic("steinberger-c,n=65"), 0.0, vec![ray([-2.0; 3], all)]),
+        ("C10", synthetic("steiner,n=65"), 0.0, vec![ray([-2.0; 3], all)]),
+        ("C11", synthetic("whitney,n=65"), 0.0, vec![ray([-2.0, 0.0, -1.0], x)]),
+        (
+            "kiss",
+            synthetic("kiss,n=65"),
+            0.0,
+            vec![ray([-2.0, 0.0, 0.0], x), ray([0.0, -2.0, 0.0], y)],
+        ),
+    ];
+    for (name, data, c, rays) in cases {
+        let (f, r) = draw(&data, &[Surface::isovalue(c, 0)], &View::rays(rays.clone()), 8);
+        let oracle = Oracle::new(r.reconstruction(Stage::Stored).unwrap(), c);
+        for (i, ray) in rays.iter().enumerate() {
+            let roots = oracle.all(ray).roots;
+            let hits: Vec<f64> = (0..8).map(|l| f.t[l * rays.len() + i]).filter(|t| t.is_finite()).collect();
+            let near = hits.len() == roots.len() && hits.iter().zip(&roots).all(|(t, r)| r.distance(*t) < 1e-5);
+            assert!(near, "{name}, ray {i}: {hits:?} instead of {roots:?}");
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! A ray through nodes, bricks and cells, and the cubic it meets in each active cell.
+//! A ray through nodes, bricks and cells; what it meets in an active cell is in `cell.rs`.
 //!
 //! Steinberger 2010, sections 3.2 and 3.3. Different here: instead of the parametric octree traversal of Revelles et al. a digital
 //! differential analyser on three sizes (nodes of 16^3, bricks of 4^3, cells) that computes the parameter of *the same plane by the same
@@ -18,13 +18,13 @@
 //! a stretch of the ray that lies within E of a face and was attributed to the wrong one of two cells is covered too, because both interpolants agree on the face and leave it by at most 2ME.
 
 use crate::bricks::{Active, SIDE, Sample, bit};
-use crate::cubic::{self, CubicRoot};
+use crate::cell::{Root, Scratch, Way};
 use glam::DVec3;
 use isobar_core::{Domain, Ray};
 
 /// One value per axis. `array::map` is not inlined into functions compiled for more instructions than the crate, at twice the cost of a frame.
 #[inline(always)]
-fn three<R>(f: impl Fn(usize) -> R) -> [R; 3] {
+pub(crate) fn three<R>(f: impl Fn(usize) -> R) -> [R; 3] {
     [f(0), f(1), f(2)]
 }
 
@@ -64,14 +64,14 @@ impl Bounds {
 /// Index space of a grid.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Space {
-    domain: Domain,
+    pub(crate) domain: Domain,
     /// Per axis: index units per world unit, an upper bound.
     scale: f64,
-    aligned: bool,
+    pub(crate) aligned: bool,
     /// World displacement to index space: the reciprocal spacings, or the inverse of the axes.
-    to_index: [DVec3; 3],
+    pub(crate) to_index: [DVec3; 3],
     /// World bounds.
-    world: (DVec3, DVec3),
+    pub(crate) world: (DVec3, DVec3),
 }
 
 impl Space {
@@ -98,7 +98,7 @@ impl Space {
     }
 
     #[inline(always)]
-    fn index_vector(&self, v: DVec3) -> DVec3 {
+    pub(crate) fn index_vector(&self, v: DVec3) -> DVec3 {
         let [x, y, z] = self.to_index;
         if self.aligned {
             v * DVec3::new(x.x, y.y, z.z)
@@ -134,9 +134,9 @@ impl Space {
 /// A ray in index space.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Walk {
-    o: [f64; 3],
-    d: [f64; 3],
-    inv: [f64; 3],
+    pub(crate) o: [f64; 3],
+    pub(crate) d: [f64; 3],
+    pub(crate) inv: [f64; 3],
     /// Parameter of plane x: `x * inv + shift`; +inf where the ray is parallel to it.
     shift: [f64; 3],
     up: [i32; 3],
@@ -188,7 +188,7 @@ impl Walk {
     }
 
     #[inline(always)]
-    fn plane(&self, a: usize, at: i32) -> f64 {
+    pub(crate) fn plane(&self, a: usize, at: i32) -> f64 {
         f64::from(at) * self.inv[a] + self.shift[a]
     }
 
@@ -227,43 +227,14 @@ fn nearest(t: [f64; 3]) -> usize {
     }
 }
 
-/// A root along the ray.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Root {
-    pub(crate) t: f64,
-    /// Index of the isovalue.
-    pub(crate) surface: usize,
-    /// Gradient of s in index space.
-    pub(crate) gradient: DVec3,
-    /// A root is proved to lie in [t - error, t + error]; +inf where it is not.
-    pub(crate) error: f64,
-    /// Nothing lies before it but the roots reported before.
-    pub(crate) first: bool,
-}
-
-/// What is kept along a ray.
-#[derive(Debug, Default)]
-pub(crate) struct Scratch {
-    /// Value of s - c at the end of the last cell, per isovalue.
-    ends: Vec<f64>,
-    found: Vec<(CubicRoot, usize)>,
-}
-
-impl Scratch {
-    pub(crate) fn new(surfaces: usize) -> Self {
-        Self {
-            ends: vec![0.0; surfaces],
-            found: Vec::with_capacity(3 * surfaces),
-        }
-    }
-}
-
 /// Work done along rays.
 #[derive(Debug, Default, Clone, Copy)]
 pub(crate) struct Work {
     pub(crate) nodes: u64,
     pub(crate) bricks: u64,
+    /// Active cells crossed.
     pub(crate) cells: u64,
+    /// As many, once per isovalue.
     pub(crate) cubics: u64,
 }
 
@@ -280,30 +251,14 @@ pub(crate) struct Search<'a, T> {
     pub(crate) claims: bool,
 }
 
-/// State of one ray on its way.
-struct Way<'w, F> {
-    walk: Walk,
-    scratch: &'w mut Scratch,
-    work: &'w mut Work,
-    /// Parameter at the end of the last cell looked at.
-    end: f64,
-    certain: bool,
-    push: F,
-}
-
 impl<T: Sample> Search<'_, T> {
     /// Calls `push` with the roots in order until it returns false. Returns whether all of the ray that was walked is certain.
     #[inline(always)]
     pub(crate) fn roots(&self, walk: Walk, scratch: &mut Scratch, work: &mut Work, push: impl FnMut(&Root) -> bool) -> bool {
-        let mut way = Way {
-            walk,
-            scratch,
-            work,
-            end: f64::NEG_INFINITY,
-            certain: true,
-            push,
-        };
+        scratch.reset();
+        let mut way = Way::new(walk, scratch, work, push);
         self.nodes(&mut way);
+        self.end(&mut way);
         way.certain
     }
 
@@ -378,7 +333,6 @@ impl<T: Sample> Search<'_, T> {
         loop {
             let a = nearest(exits);
             let te = exits[a].min(t1);
-            way.work.cells += 1;
             if mask >> bit(cell) & 1 != 0 && !self.cell(way, cell, t, te) {
                 return false;
             }
@@ -393,177 +347,6 @@ impl<T: Sample> Search<'_, T> {
             exits[a] = w.plane(a, cell[a] + w.up[a]);
         }
     }
-
-    #[inline(always)]
-    fn cell<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>, cell: [i32; 3], t0: f64, t1: f64) -> bool {
-        let (sy, sz) = (self.dims[0], self.dims[0] * self.dims[1]);
-        let at = cell[2] as usize * sz + cell[1] as usize * sy + cell[0] as usize;
-        let s = &self.samples[at..at + sz + sy + 2];
-        let v: [f64; 8] = [
-            s[0].into(),
-            s[1].into(),
-            s[sy].into(),
-            s[sy + 1].into(),
-            s[sz].into(),
-            s[sz + 1].into(),
-            s[sz + sy].into(),
-            s[sz + sy + 1].into(),
-        ];
-        let w = way.walk;
-        // A plane the ray enters or leaves by has its exact coordinate.
-        let local = |a: usize, t: f64| {
-            let x = w.o[a] + t * w.d[a] - f64::from(cell[a]);
-            if t == w.plane(a, cell[a]) {
-                0.0
-            } else if t == w.plane(a, cell[a] + 1) {
-                1.0
-            } else {
-                x
-            }
-        };
-        let a = three(|i| local(i, t0));
-        let b = three(|i| local(i, t1));
-        let continues = way.end == t0;
-        way.end = t1;
-        if let [bound] = self.bounds {
-            // The common case without a detour through the list.
-            way.work.cubics += 1;
-            let mut p = composed(&v, bound.isovalue, a, b);
-            if continues {
-                p[0] = way.scratch.ends[0];
-            }
-            way.scratch.ends[0] = p[3];
-            let f = cubic::roots(p, self.margin * bound.size);
-            if f.roots().is_empty() {
-                way.certain &= f.certain;
-                return true;
-            }
-            for r in f.roots() {
-                let root = self.root(&v, p, r, 0, [a, b], [t0, t1], way.certain && f.certain);
-                if !(way.push)(&root) {
-                    return false;
-                }
-            }
-            way.certain &= f.certain;
-            return true;
-        }
-        self.several(way, &v, [a, b], [t0, t1], continues)
-    }
-
-    /// As `cell`, for several isovalues: their roots are merged in order.
-    fn several<F: FnMut(&Root) -> bool>(
-        &self,
-        way: &mut Way<'_, F>,
-        v: &[f64; 8],
-        ab: [[f64; 3]; 2],
-        t: [f64; 2],
-        continues: bool,
-    ) -> bool {
-        let mut found = std::mem::take(&mut way.scratch.found);
-        found.clear();
-        let mut certain = true;
-        for (i, bound) in self.bounds.iter().enumerate() {
-            way.work.cubics += 1;
-            let mut p = composed(v, bound.isovalue, ab[0], ab[1]);
-            if continues {
-                p[0] = way.scratch.ends[i];
-            }
-            way.scratch.ends[i] = p[3];
-            let f = cubic::roots(p, self.margin * bound.size);
-            certain &= f.certain;
-            found.extend(f.roots().iter().map(|r| (*r, i)));
-        }
-        found.sort_by(|x, y| x.0.at.total_cmp(&y.0.at));
-        let mut go_on = true;
-        for (r, i) in &found {
-            let p = composed(v, self.bounds[*i].isovalue, ab[0], ab[1]);
-            let root = self.root(v, p, r, *i, ab, t, way.certain && certain);
-            if !(way.push)(&root) {
-                go_on = false;
-                break;
-            }
-        }
-        way.certain &= certain;
-        way.scratch.found = found;
-        go_on
-    }
-
-    #[expect(clippy::too_many_arguments, reason = "the parts of one root, all of them cheap to pass")]
-    #[inline(always)]
-    fn root(
-        &self,
-        v: &[f64; 8],
-        p: [f64; 4],
-        r: &CubicRoot,
-        surface: usize,
-        ab: [[f64; 3]; 2],
-        [t0, t1]: [f64; 2],
-        first: bool,
-    ) -> Root {
-        let t = t0 + r.at * (t1 - t0);
-        let x = three(|i| ab[0][i] + r.at * (ab[1][i] - ab[0][i]));
-        let mut error = f64::INFINITY;
-        if self.claims && r.simple {
-            // Opposite signs beyond the bound on both sides, at parameters that exist as f64.
-            let bound = self.margin * self.bounds[surface].size;
-            for width in [1e-12, 1e-9, 1e-6] {
-                let (lo, hi) = ((r.at - width).max(0.0), (r.at + width).min(1.0));
-                let (f, g) = (cubic::value(p, lo), cubic::value(p, hi));
-                if f.abs() > bound && g.abs() > bound && (f < 0.0) != (g < 0.0) {
-                    let half = (r.at - lo).max(hi - r.at) * (t1 - t0);
-                    // t itself, and the two ends, are rounded.
-                    error = half + 8.0 * f64::EPSILON * t1.abs();
-                    break;
-                }
-            }
-        }
-        Root {
-            t,
-            surface,
-            gradient: gradient(v, x),
-            error,
-            first,
-        }
-    }
-}
-
-/// Bernstein coefficients of s - c along the segment from local a to local b of a cell with these corner samples (x fastest).
-#[inline(always)]
-fn composed(v: &[f64; 8], c: f64, a: [f64; 3], b: [f64; 3]) -> [f64; 4] {
-    let mix = |p: f64, q: f64, x: f64| p + x * (q - p);
-    let mut x = [0.0; 8];
-    for k in 0..4 {
-        let (p, q) = (v[2 * k] - c, v[2 * k + 1] - c);
-        x[2 * k] = mix(p, q, a[0]);
-        x[2 * k + 1] = mix(p, q, b[0]);
-    }
-    let mut y = [0.0; 8];
-    for k in [0, 4] {
-        for i in 0..2 {
-            y[k + i] = mix(x[k + i], x[k + 2 + i], a[1]);
-            y[k + 2 + i] = mix(x[k + i], x[k + 2 + i], b[1]);
-        }
-    }
-    let (z0, z1) = (a[2], b[2]);
-    let third = 1.0 / 3.0;
-    [
-        mix(y[0], y[4], z0),
-        (mix(y[1], y[5], z0) + mix(y[2], y[6], z0) + mix(y[0], y[4], z1)) * third,
-        (mix(y[3], y[7], z0) + mix(y[1], y[5], z1) + mix(y[2], y[6], z1)) * third,
-        mix(y[3], y[7], z1),
-    ]
-}
-
-/// Gradient of the trilinear interpolant at local x, per cell.
-#[inline(always)]
-fn gradient(v: &[f64; 8], [x, y, z]: [f64; 3]) -> DVec3 {
-    let mix = |p: f64, q: f64, x: f64| p + x * (q - p);
-    let d = |i: usize, j: usize| v[j] - v[i];
-    DVec3::new(
-        mix(mix(d(0, 1), d(2, 3), y), mix(d(4, 5), d(6, 7), y), z),
-        mix(mix(d(0, 2), d(1, 3), x), mix(d(4, 6), d(5, 7), x), z),
-        mix(mix(d(0, 4), d(1, 5), x), mix(d(2, 6), d(3, 7), x), y),
-    )
 }
 
 const _: () = assert!(SIDE == 4, "words of 64 bits, indices shifted by 2 and 4");

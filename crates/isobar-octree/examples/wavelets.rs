@@ -1,0 +1,174 @@
+//! Levels of detail of a volume by spline wavelets: Table 6.4, the numbers of Figures 4.2 to 4.6 and 6.7 to 6.9 of Steinberger 2010, and what a reconstruction
+//! costs. `cargo run --release -p isobar-octree --example wavelets -- DATA [ISOVALUE] [THREADS] [FOLDER]`; with a folder the pictures are written there as PPM.
+
+use isobar_core::{Camera, Data, Grid, View, to_srgb8};
+use isobar_octree::wavelet::table::{Setting, epsilon_for, level_picture};
+use isobar_octree::wavelet::{Adaptive, Bank, Extent, Pyramid, Selection};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+/// Table 6.4 as printed (full, 6.7 b to f): chunks, share in per cent, reconstruction and rendering in ms on a GTX 285, MSE times 1000.
+const PRINTED: [(usize, f64, f64, f64, f64); 6] = [
+    (4681, 100.0, 7.23, 225.0, 0.0),
+    (3421, 73.0, 8.72, 219.0, 24.0),
+    (1877, 40.0, 9.25, 161.0, 45.0),
+    (585, 12.0, 6.11, 115.0, 57.0),
+    (295, 6.0, 6.92, 89.3, 176.0),
+    (73, 1.6, 3.58, 61.4, 370.0),
+];
+
+fn main() -> Result<()> {
+    let mut args = std::env::args().skip(1);
+    let file = args.next().ok_or("usage: wavelets DATA [ISOVALUE] [THREADS] [FOLDER]")?;
+    let isovalue: f64 = args.next().map_or(Ok(0.0), |s| s.parse())?;
+    let threads: usize = args.next().map_or(Ok(0), |s| s.parse())?;
+    let folder: Option<PathBuf> = args.next().map(PathBuf::from);
+    if let Some(folder) = &folder {
+        fs::create_dir_all(folder)?;
+    }
+    let loaded = isobar_io::load(Path::new(&file), &isobar_io::Options::default())?;
+    let Data::Grid(grid) = loaded.data else {
+        return Err(format!("{file} holds no grid").into());
+    };
+    banks(&grid, threads)?;
+    let view = View::fit(grid.domain().world_bounds(), 40.0, 1024, 768);
+    let setting = Setting {
+        grid: &grid,
+        bank: Bank::Psi42,
+        isovalue,
+        view: &view,
+        method: &isobar_octree::OCTREE_CPU,
+        threads,
+    };
+    levels(&setting, folder.as_deref())?;
+    compression(&setting, folder.as_deref())
+}
+
+fn ms(d: Duration) -> f64 {
+    d.as_secs_f64() * 1e3
+}
+
+/// Every bank: error of the full reconstruction, time, throughput.
+fn banks(grid: &Grid, threads: usize) -> Result<()> {
+    println!("bank     decompose ms  reconstruct ms  Mchunk/s  MSample/s  greatest error / range");
+    let pool = isobar_cpu::Pool::new(threads)?;
+    for bank in Bank::ALL {
+        let clock = Instant::now();
+        let pyramid = Arc::new(pool.install(|| Pyramid::new(grid, bank))?);
+        let decompose = clock.elapsed();
+        let all = Selection::whole(&pyramid, true);
+        let mut adaptive = Adaptive::new(pyramid.clone());
+        let mut least = Duration::MAX;
+        for _ in 0..7 {
+            adaptive.forget();
+            let clock = Instant::now();
+            pool.install(|| adaptive.update(&all, Extent::Whole));
+            least = least.min(clock.elapsed());
+        }
+        let out = adaptive.grid()?;
+        let worst = (0..out.samples.len()).fold(0.0f64, |m, i| m.max((out.samples.get(i) - grid.samples.get(i)).abs()));
+        let (lo, hi) = grid.samples.range().0.ok_or("no sample is finite")?;
+        let s = least.as_secs_f64();
+        println!(
+            "{bank:8} {:12.1} {:15.2} {:9.3} {:10.1}  {:.2e}",
+            ms(decompose),
+            ms(least),
+            pyramid.chunks() as f64 / s * 1e-6,
+            pyramid.coefficients() as f64 / s * 1e-6,
+            worst / (hi - lo)
+        );
+    }
+    Ok(())
+}
+
+/// Table 6.4.
+fn levels(setting: &Setting<'_>, folder: Option<&Path>) -> Result<()> {
+    let Camera::Perspective { eye, .. } = setting.view.camera else {
+        return Err("the view is in perspective".into());
+    };
+    let pyramid = Pyramid::new(setting.grid, setting.bank)?;
+    let epsilons: Vec<f64> = PRINTED.iter().map(|p| epsilon_for(&pyramid, eye, p.1 / 100.0)).collect();
+    println!(
+        "\nTable 6.4, {}; the thesis's numbers in brackets. Rendering is at full resolution.",
+        setting.bank
+    );
+    println!(
+        "epsilon  chunks        share %       wanted  anew ms         from before     render ms      MSE x 1e3        depth rms  one-sided  parts  finest chunks by level"
+    );
+    let rows = setting.rows(eye, &epsilons)?;
+    for (i, ((r, picture), p)) in rows.iter().zip(PRINTED).enumerate() {
+        println!(
+            "{:7.4}  {:5} [{:4}]  {:5.1} [{:5.1}]  {:6}  {:6.2} [{:5.2}]  {:6.2} ({:5})  {:6.1} [{:5.1}]  {:7.3} [{:5.1}]  {:9.4}  {:9}  {:5}  {:?}",
+            r.epsilon,
+            r.chunks,
+            p.0,
+            r.share * 100.0,
+            p.1,
+            r.wanted,
+            ms(r.from_nothing),
+            p.2,
+            ms(r.update),
+            r.computed,
+            ms(r.render),
+            p.3,
+            r.mse * 1e3,
+            p.4,
+            r.depth,
+            r.one_sided,
+            r.parts,
+            r.by_level
+        );
+        if let Some(folder) = folder {
+            let letter = ["full", "b", "c", "d", "e", "f"][i];
+            write(folder, &format!("figure-6.7-{letter}"), setting.view, &picture.frame.rgba)?;
+            write(
+                folder,
+                &format!("figure-4.6-{letter}"),
+                setting.view,
+                &level_picture(setting, r, picture),
+            )?;
+        }
+    }
+    Ok(())
+}
+
+/// Figure 4.5.
+fn compression(setting: &Setting<'_>, folder: Option<&Path>) -> Result<()> {
+    println!("\nFigure 4.5: the greatest coefficients only");
+    println!("weights    kept     share %  rms error   max error   MSE x 1e3  depth rms  one-sided");
+    for weighted in [false, true] {
+        for (c, picture) in setting.compressions(&[0.2, 0.05, 0.01, 0.002], weighted)? {
+            let name = if weighted { "norm" } else { "none" };
+            println!(
+                "{name:8} {:8}  {:7.3}  {:10.3e}  {:10.3e}  {:9.3}  {:9.4}  {:9}",
+                c.kept,
+                c.share * 100.0,
+                c.rms,
+                c.max,
+                c.picture.mse * 1e3,
+                c.picture.depth,
+                c.picture.one_sided
+            );
+            if let Some(folder) = folder {
+                write(
+                    folder,
+                    &format!("figure-4.5-{name}-{}", c.kept),
+                    setting.view,
+                    &picture.frame.rgba,
+                )?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn write(folder: &Path, name: &str, view: &View, pixels: &[[f32; 4]]) -> Result<()> {
+    let mut bytes = format!("P6\n{} {}\n255\n", view.width, view.height).into_bytes();
+    bytes.extend(pixels.iter().flat_map(|&p| to_srgb8(p)));
+    fs::write(folder.join(format!("{name}.ppm")), bytes)?;
+    Ok(())
+}

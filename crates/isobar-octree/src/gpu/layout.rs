@@ -1,0 +1,151 @@
+//! Structures shared with `shaders/octree_layout.wgsl`; a test compares them with what naga makes of the WGSL.
+
+use bytemuck::{Pod, Zeroable};
+use std::mem::offset_of;
+
+/// `Params`: one uniform for all kernels.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Params {
+    pub(super) cells: [u32; 3],
+    pub(super) flags: u32,
+    pub(super) nodes: [u32; 3],
+    pub(super) levels: u32,
+    pub(super) last: [i32; 3],
+    pub(super) layers: u32,
+    pub(super) bias_hi: f32,
+    pub(super) bias_lo: f32,
+    pub(super) width: u32,
+    pub(super) bricks: u32,
+    /// Columns, each padded to four.
+    pub(super) axes: [[f32; 4]; 3],
+    /// Columns, each padded to four.
+    pub(super) gradients: [[f32; 4]; 3],
+}
+
+/// All hits are counted: the search goes on to the exit.
+pub(super) const COUNT_ALL: u32 = 1;
+/// Colour is asked for.
+pub(super) const COLOUR: u32 = 2;
+/// Normals are asked for.
+pub(super) const NORMALS: u32 = 4;
+/// Coefficients outside the grid are mirrored, not clamped.
+pub(super) const MIRROR: u32 = 8;
+
+/// `Ray`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Ray {
+    pub(super) cell: [u32; 3],
+    pub(super) length: u32,
+    pub(super) fraction: [u32; 3],
+    pub(super) rest: f32,
+    pub(super) direction: [u32; 3],
+    pub(super) fine: u32,
+}
+
+/// `Node`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Node {
+    pub(super) lo: u32,
+    pub(super) hi: u32,
+    pub(super) first: u32,
+    pub(super) unused: u32,
+}
+
+/// `Level`.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Level {
+    pub(super) value: f32,
+    pub(super) opacity: f32,
+    pub(super) surface: u32,
+    pub(super) unused: u32,
+    pub(super) colour: [f32; 3],
+    pub(super) unused_1: f32,
+}
+
+/// `Hit`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Hit {
+    pub(super) whole: u32,
+    pub(super) u: f32,
+    pub(super) surface: u32,
+    pub(super) normal: [f32; 3],
+}
+
+/// `Pixel`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Pixel {
+    pub(super) rgba: [f32; 4],
+    pub(super) hits: u32,
+    pub(super) work: u32,
+}
+
+const _: () = {
+    assert!(size_of::<Params>() == 160);
+    assert!(offset_of!(Params, bias_hi) == 48 && offset_of!(Params, axes) == 64);
+    assert!(size_of::<Ray>() == 48 && size_of::<Node>() == 16 && size_of::<Level>() == 32);
+    assert!(size_of::<Hit>() == 24 && size_of::<Pixel>() == 24);
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::programs;
+    use isobar_gpu::{shader, wgpu::naga};
+
+    /// Size and member offsets of a structure as naga lays it out.
+    fn wgsl(name: &str) -> (u32, Vec<(String, u32)>) {
+        let source = shader::compose(&[programs::SNIPPETS, shader::SHARED], &["volume_f32", "octree_layout"]).unwrap();
+        let module = naga::front::wgsl::parse_str(&source).unwrap();
+        let (_, found) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).unwrap();
+        match &found.inner {
+            naga::TypeInner::Struct { members, span } => {
+                let members = members.iter().map(|m| (m.name.clone().unwrap(), m.offset)).collect();
+                (*span, members)
+            }
+            other => panic!("{name} is {other:?}"),
+        }
+    }
+
+    macro_rules! same {
+        ($t:ident { $($rust:ident as $wgsl:literal),* $(,)? }) => {{
+            let (span, members) = wgsl(stringify!($t));
+            assert_eq!(span as usize, size_of::<$t>(), stringify!($t));
+            $(
+                let at = members.iter().find(|(n, _)| n == $wgsl).map(|(_, at)| *at as usize);
+                assert_eq!(at, Some(offset_of!($t, $rust)), "{}.{}", stringify!($t), $wgsl);
+            )*
+        }};
+    }
+
+    #[test]
+    fn structures_are_laid_out_as_in_wgsl() {
+        same!(Params { cells as "cells", flags as "flags", nodes as "nodes", levels as "levels", last as "last", layers as "layers",
+            bias_hi as "bias_hi", bias_lo as "bias_lo", width as "width", bricks as "bricks", axes as "axes",
+            gradients as "gradients" });
+        same!(Ray { cell as "cell", length as "length", fraction as "fraction", rest as "rest", direction as "direction",
+            fine as "fine" });
+        same!(Node { lo as "lo", hi as "hi", first as "first" });
+        same!(Level { value as "value", opacity as "opacity", surface as "surface", colour as "colour" });
+        same!(Hit { whole as "whole", u as "u", surface as "surface", normal as "normal_x" });
+        same!(Pixel { rgba as "red", hits as "hits", work as "work" });
+    }
+
+    #[test]
+    fn flags_are_those_of_wgsl() {
+        let (_, text) = programs::SNIPPETS.iter().find(|(n, _)| *n == "octree_layout").unwrap();
+        for (name, bit) in [
+            ("COUNT_ALL", COUNT_ALL),
+            ("COLOUR", COLOUR),
+            ("NORMALS", NORMALS),
+            ("MIRROR", MIRROR),
+        ] {
+            assert!(text.contains(&format!("const {name}: u32 = {bit}u;")), "{name}");
+        }
+    }
+}

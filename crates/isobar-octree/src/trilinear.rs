@@ -1,0 +1,128 @@
+//! The trilinear caster: the rays of one tile, their hits, and what is claimed about them.
+
+use crate::bricks::Sample;
+use crate::cell::{Root, Scratch};
+use crate::packet::{self, RaySet, holds};
+use crate::packet_view::Projection;
+use crate::walk::{Entry, Search, Space, Walk, Work};
+use glam::DVec3;
+use isobar_core::{Claim, Hit, Ray, View};
+use isobar_cpu::scene::Isovalues;
+use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
+
+/// Bricks and cells are taken to meet an isovalue within this much of the greatest |sample - isovalue|; rays whose own bound is larger
+/// (eyes more than some 10^8 voxels away) claim nothing.
+pub(crate) const MARGIN: f64 = 1e-6;
+
+/// Draws one tile; gives the work done.
+pub(crate) struct DrawTile<'a, 'b, T> {
+    pub(crate) search: Search<'a, T>,
+    pub(crate) space: &'a Space,
+    pub(crate) view: &'a View,
+    pub(crate) surfaces: &'a Isovalues,
+    pub(crate) tile: Tile,
+    pub(crate) out: &'a mut TileOut<'b>,
+}
+
+/// Draws one tile with at most the instructions of `level`; gives the work done.
+pub(crate) fn draw<T: Sample>(level: Level, tile: DrawTile<'_, '_, T>) -> Work {
+    let mut tile = tile;
+    let mut work = Work::default();
+    let mut rays = None;
+    if packet::applies(&tile)
+        && let Some(projection) = Projection::new(tile.view, tile.space)
+    {
+        let left = packet::draw(level, &mut tile, &projection, &mut work);
+        if left.iter().all(|&b| b == 0) {
+            return work;
+        }
+        rays = Some(left);
+    }
+    let alone = level.run(SingleRays { tile, rays });
+    Work {
+        nodes: work.nodes + alone.nodes,
+        bricks: work.bricks + alone.bricks,
+        cells: work.cells + alone.cells,
+        cubics: work.cubics + alone.cubics,
+    }
+}
+
+/// Draws a tile ray by ray.
+struct SingleRays<'a, 'b, T> {
+    tile: DrawTile<'a, 'b, T>,
+    /// Only these.
+    rays: Option<RaySet>,
+}
+
+impl<T: Sample> Kernel for SingleRays<'_, '_, T> {
+    type Output = Work;
+
+    #[inline(always)]
+    fn run(self) -> Work {
+        let DrawTile {
+            mut search,
+            space,
+            view,
+            surfaces,
+            tile,
+            out,
+        } = self.tile;
+        let rays = view.generator();
+        let mut scratch = Scratch::new(surfaces.values().len());
+        let mut work = Work::default();
+        if surfaces.values().is_empty() {
+            for (x, y) in tile.pixels() {
+                PixelSink::new(out, x, y, &rays.ray(x, y), surfaces.all())
+                    .finish(if search.claims { Claim::EMPTY } else { Claim::empty() }, 0);
+            }
+            return work;
+        }
+        for (x, y) in tile.pixels() {
+            if self.rays.is_some_and(|set| !holds(&set, x - tile.x, y - tile.y)) {
+                continue;
+            }
+            let ray = rays.ray(x, y);
+            search.margin = space.margin(ray.origin);
+            let before = work.cells;
+            let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
+            let mut claim = Claim::empty();
+            let mut certain = search.margin <= MARGIN;
+            match Walk::enter(&ray, space, search.margin) {
+                Entry::Through(walk) => {
+                    let sure = certain && search.claims;
+                    certain &= search.roots(walk, &mut scratch, &mut work, |root| {
+                        if sink.hits() == 0 && sure && root.error.is_finite() {
+                            claim = if root.first {
+                                Claim::EXISTS | Claim::FIRST
+                            } else {
+                                Claim::EXISTS
+                            };
+                        }
+                        sink.push(&hit(&ray, root, surfaces, space, !claim.is_empty()))
+                    });
+                }
+                Entry::Misses { certain: missed } => certain &= missed,
+            }
+            if sink.hits() == 0 && certain {
+                claim = Claim::EMPTY;
+            }
+            if !search.claims {
+                claim = Claim::empty();
+            }
+            sink.finish(claim, (work.cells - before) as u32);
+        }
+        work
+    }
+}
+
+#[inline(always)]
+fn hit(ray: &Ray, root: &Root, surfaces: &Isovalues, space: &Space, exists: bool) -> Hit {
+    let g = space.world_gradient(root.gradient);
+    Hit {
+        t: root.t,
+        point: ray.at(root.t),
+        normal: g.normalize_or(DVec3::ZERO).as_vec3().to_array(),
+        surface: surfaces.surface(root.surface),
+        t_error: if exists { root.error } else { f64::INFINITY },
+    }
+}

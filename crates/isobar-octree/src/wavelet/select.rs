@@ -1,0 +1,117 @@
+//! Which chunks' details are used (S15): by view, magnitude and isovalue.
+
+use super::Number;
+use super::blocks::ChunkSet;
+use super::pyramid::{Node, Pyramid};
+use glam::DVec3;
+
+/// When a chunk is activated: all that is given must hold, and its parent must be active (Algorithm 1: c0, c1, c2).
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Criteria {
+    /// The eye in world coordinates and epsilon: collapsed where `s / c < epsilon`, s the diameter of the node, c its distance from the eye
+    /// (section 4.2). The distance is that of the nearest point of the node's box; in a sheared grid, of a point of it that may be farther.
+    pub view: Option<(DVec3, f64)>,
+    /// Collapsed where all details of the node and of the finer nodes inside it are below this.
+    pub magnitude: Option<f64>,
+    /// Collapsed where no isovalue lies in [`Node::range`]: no level has a surface in the node.
+    pub isovalues: Option<Vec<f64>>,
+}
+
+impl Criteria {
+    /// Whether a node passes, its parent apart.
+    #[must_use]
+    pub fn passes<T: Number>(&self, pyramid: &Pyramid<T>, node: &Node) -> bool {
+        let near = |&(eye, epsilon): &(DVec3, f64)| {
+            let domain = pyramid.domain();
+            let corners = (0..4).map(|i| {
+                let d = node.hi - node.lo;
+                let flip = DVec3::new(1.0, if i & 1 == 0 { 1.0 } else { -1.0 }, if i & 2 == 0 { 1.0 } else { -1.0 });
+                (domain.axes * (d * flip)).length()
+            });
+            let diameter = corners.fold(0.0, f64::max);
+            let distance = eye.distance(domain.world(domain.local(eye).clamp(node.lo, node.hi)));
+            // Written so that an eye inside the node, with distance 0, passes.
+            diameter >= epsilon * distance
+        };
+        self.view.as_ref().is_none_or(near)
+            && self.magnitude.is_none_or(|m| node.magnitude >= m)
+            && self
+                .isovalues
+                .as_ref()
+                .is_none_or(|v| v.iter().any(|&c| node.range.0 <= c && c <= node.range.1))
+    }
+}
+
+/// The active chunks of every level with details.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Selection {
+    pub(super) active: Vec<ChunkSet>,
+}
+
+impl Selection {
+    /// No details at all, or all of them.
+    #[must_use]
+    pub fn whole<T: Number>(pyramid: &Pyramid<T>, all: bool) -> Self {
+        let active = (0..pyramid.levels())
+            .map(|l| ChunkSet::new(pyramid.level_chunks(l), all))
+            .collect();
+        Self { active }
+    }
+
+    /// The chunks that pass, from the coarsest level down: a chunk whose parent is not active is not asked about.
+    #[must_use]
+    pub fn by<T: Number>(pyramid: &Pyramid<T>, pass: impl Fn(&Node) -> bool) -> Self {
+        let mut selection = Self::whole(pyramid, false);
+        for l in (0..pyramid.levels()).rev() {
+            let mut set = selection.active[l].clone();
+            for i in 0..set.members().len() {
+                let chunk = set.chunk(i);
+                let parent = selection.active.get(l + 1).is_none_or(|p| p.contains(chunk.map(|c| c / 2)));
+                if parent && pass(&pyramid.node(l, chunk)) {
+                    set.set(chunk, true);
+                }
+            }
+            selection.active[l] = set;
+        }
+        selection
+    }
+
+    /// The chunks that pass the criteria.
+    #[must_use]
+    pub fn new<T: Number>(pyramid: &Pyramid<T>, criteria: &Criteria) -> Self {
+        Self::by(pyramid, |node| criteria.passes(pyramid, node))
+    }
+
+    /// The active chunks of a level.
+    ///
+    /// # Panics
+    /// When the level has no details.
+    #[must_use]
+    pub fn level(&self, level: usize) -> &ChunkSet {
+        &self.active[level]
+    }
+
+    /// To switch chunks by hand; parents are not asked for.
+    ///
+    /// # Panics
+    /// When the level has no details.
+    pub fn level_mut(&mut self, level: usize) -> &mut ChunkSet {
+        &mut self.active[level]
+    }
+
+    /// Number of active chunks, the coarsest level's not counted.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.active.iter().map(ChunkSet::count).sum()
+    }
+
+    /// The chunks that are drawn at a level or finer: the active ones and their neighbours, into which the active ones' wavelets reach
+    /// (Figure 4.8). In all other chunks of the level the function is that of the next coarser level, exactly.
+    ///
+    /// # Panics
+    /// When the level has no details.
+    #[must_use]
+    pub fn drawn(&self, level: usize) -> ChunkSet {
+        self.active[level].dilated([1; 3])
+    }
+}

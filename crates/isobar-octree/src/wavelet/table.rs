@@ -1,0 +1,348 @@
+//! Table 6.4 and the numbers behind Figures 4.5, 4.6 and 6.7 to 6.9: what levels of detail cost and what they leave out (S24).
+
+use super::{Adaptive, Bank, Criteria, Extent, Pyramid, Selection};
+use glam::DVec3;
+use isobar_core::{Channels, Data, DataError, Frame, Grid, Knobs, Method, RenderError, Request, Samples, Stop, Surface, View};
+use isobar_cpu::Pool;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// What is drawn.
+pub struct Setting<'a> {
+    /// The volume; its samples are the coefficients.
+    pub grid: &'a Grid,
+    /// The bank.
+    pub bank: Bank,
+    /// The isovalue, data units.
+    pub isovalue: f64,
+    /// The view.
+    pub view: &'a View,
+    /// Draws the coefficients at full resolution; it has the knob `reconstruction` with the bank's degree.
+    pub method: &'a dyn Method,
+    /// Threads of the reconstruction and of the renderer; 0: all.
+    pub threads: usize,
+}
+
+impl std::fmt::Debug for Setting<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let method = self.method.info().id;
+        f.debug_struct("Setting")
+            .field("bank", &self.bank)
+            .field("isovalue", &self.isovalue)
+            .field("method", &method)
+            .finish_non_exhaustive()
+    }
+}
+
+/// A picture with what it is compared by.
+#[derive(Debug, Clone)]
+pub struct Picture {
+    /// The frame: t, point, surface and colour.
+    pub frame: Frame,
+    /// Time of its `render`.
+    pub render: Duration,
+}
+
+/// A row of Table 6.4.
+#[derive(Debug, Clone)]
+pub struct Row {
+    /// Threshold of s / c.
+    pub epsilon: f64,
+    /// Active chunks and those of the coarsest level: the thesis's "chunks".
+    pub chunks: usize,
+    /// `chunks` by all chunks.
+    pub share: f64,
+    /// Chunks of the levels with details that a multiresolution renderer needs computed ([`Extent::Drawn`]).
+    pub wanted: usize,
+    /// Time to select and to compute these from the coarsest level (least of three).
+    pub from_nothing: Duration,
+    /// Chunks computed when coming from the row before.
+    pub computed: usize,
+    /// Time to select and to compute these.
+    pub update: Duration,
+    /// Time of the frame at full resolution.
+    pub render: Duration,
+    /// Mean squared difference of linear red, green and blue in [0, 1] from the full picture, over pixels hit in either.
+    pub mse: f64,
+    /// Root mean square distance of the first hits along the ray in voxels, over pixels hit in both.
+    pub depth: f64,
+    /// Pixels hit in one picture only.
+    pub one_sided: usize,
+    /// Connected parts of the samples above the isovalue, neighbours along axes (Figure 6.9: topology changes at aggressive settings).
+    pub parts: usize,
+    /// Finest chunks by the finest level whose details act in them ([`Adaptive::level_map`], Figure 4.6).
+    pub by_level: Vec<usize>,
+    /// [`Adaptive::level_map`].
+    pub level_map: (Vec<u8>, [usize; 3]),
+}
+
+impl Setting<'_> {
+    /// Draws coefficients.
+    ///
+    /// # Errors
+    /// Those of the method.
+    pub fn picture(&self, grid: &Grid) -> Result<Picture, RenderError> {
+        let kind = ["trilinear", "quadratic", "cubic"][self.bank.degree() - 1];
+        let request = Request {
+            channels: Channels::T | Channels::NORMAL | Channels::SURFACE | Channels::RGBA,
+            threads: self.threads,
+            knobs: Knobs::default().with("reconstruction", kind),
+            ..Request::default()
+        };
+        let mut renderer = self.method.open(&request)?;
+        renderer.set_data(&Arc::new(Data::Grid(grid.clone())))?;
+        renderer.set_surfaces(&[Surface::isovalue(self.isovalue, 0)])?;
+        renderer.set_view(self.view)?;
+        let mut render = Duration::MAX;
+        for _ in 0..3 {
+            render = render.min(renderer.render(&Stop::default())?.wall);
+        }
+        let mut frame = Frame::default();
+        renderer.read(&mut frame)?;
+        Ok(Picture { frame, render })
+    }
+
+    /// The rows for a list of thresholds, seen from `eye`, with their pictures; each row comes from the one before, as frames do.
+    ///
+    /// # Errors
+    /// Those of the method, of the threads, and of data that are not finite.
+    pub fn rows(&self, eye: DVec3, epsilons: &[f64]) -> Result<Vec<(Row, Picture)>, RenderError> {
+        let pool = Pool::new(self.threads)?;
+        let pyramid = Arc::new(pool.install(|| Pyramid::new(self.grid, self.bank))?);
+        let full = self.picture(self.grid)?;
+        let mut adaptive = Adaptive::new(pyramid.clone());
+        // Pages are first touched outside the clock.
+        pool.install(|| adaptive.update(&Selection::whole(&pyramid, true), Extent::Drawn));
+        let mut rows = Vec::new();
+        for &epsilon in epsilons {
+            let criteria = Criteria {
+                view: Some((eye, epsilon)),
+                ..Criteria::default()
+            };
+            let clock = Instant::now();
+            let (selection, update) = pool.install(|| {
+                let selection = Selection::new(&pyramid, &criteria);
+                let update = adaptive.update(&selection, Extent::Drawn);
+                (selection, update)
+            });
+            let update_time = clock.elapsed();
+            let mut from_nothing = Duration::MAX;
+            for _ in 0..3 {
+                let clock = Instant::now();
+                pool.install(|| {
+                    adaptive.forget();
+                    adaptive.update(&Selection::new(&pyramid, &criteria), Extent::Drawn)
+                });
+                from_nothing = from_nothing.min(clock.elapsed());
+            }
+            let grid = pool.install(|| adaptive.grid())?;
+            let picture = self.picture(&grid)?;
+            let difference = Difference::of(&full.frame, &picture.frame, self.grid.spacing.min_element());
+            let coarsest: usize = pyramid.level_chunks(pyramid.levels()).iter().product();
+            let level_map = adaptive.level_map();
+            let row = Row {
+                epsilon,
+                chunks: selection.count() + coarsest,
+                share: (selection.count() + coarsest) as f64 / pyramid.chunks() as f64,
+                wanted: update.computed + update.reused,
+                from_nothing,
+                computed: update.computed,
+                update: update_time,
+                render: picture.render,
+                mse: difference.mse,
+                depth: difference.depth,
+                one_sided: difference.one_sided,
+                parts: parts(&grid, self.isovalue),
+                by_level: (0..=pyramid.levels())
+                    .map(|l| level_map.0.iter().filter(|&&m| usize::from(m) == l).count())
+                    .collect(),
+                level_map,
+            };
+            rows.push((row, picture));
+        }
+        Ok(rows)
+    }
+}
+
+/// The picture with every hit in the colour of its level of detail over its shade (Figures 4.6 b and 6.8 b): linear RGBA, black outlines where the level
+/// changes from one pixel to the next.
+#[must_use]
+pub fn level_picture(setting: &Setting<'_>, row: &Row, picture: &Picture) -> Vec<[f32; 4]> {
+    let domain = setting.grid.domain();
+    let (map, chunks) = &row.level_map;
+    let (width, height) = (setting.view.width, setting.view.height);
+    let level = |i: usize| -> Option<u8> {
+        let t = picture.frame.t[i];
+        if !t.is_finite() {
+            return None;
+        }
+        let ray = setting.view.ray(i % width, i / width);
+        let u = domain.local(ray.at(t)).clamp(domain.lo, domain.hi).to_array();
+        let c = [0, 1, 2].map(|a| (u[a] as usize / super::CHUNK).min(chunks[a] - 1));
+        Some(map[(c[2] * chunks[1] + c[1]) * chunks[0] + c[0]])
+    };
+    let levels: Vec<Option<u8>> = (0..width * height).map(level).collect();
+    (0..width * height)
+        .map(|i| {
+            let Some(l) = levels[i] else { return picture.frame.rgba[i] };
+            let right = (i + 1) % width != 0 && levels[i + 1].is_some_and(|r| r != l);
+            let below = i + width < levels.len() && levels[i + width].is_some_and(|b| b != l);
+            if right || below {
+                return [0.0, 0.0, 0.0, 1.0];
+            }
+            let shade = picture.frame.rgba[i];
+            let bright = (shade[0] + shade[1] + shade[2]) / Surface::COLOURS[0].iter().sum::<f32>();
+            let c = Surface::COLOURS[usize::from(l) % Surface::COLOURS.len()].map(|c| c * bright);
+            [c[0], c[1], c[2], 1.0]
+        })
+        .collect()
+}
+
+/// The greatest threshold at which at least `share` of all chunks (the coarsest level's included) are active, by bisection to 1e-3 of itself. Above
+/// the result the share is smaller; the number of chunks moves in steps.
+#[must_use]
+pub fn epsilon_for(pyramid: &Pyramid, eye: DVec3, share: f64) -> f64 {
+    let coarsest: usize = pyramid.level_chunks(pyramid.levels()).iter().product();
+    let wanted = share * pyramid.chunks() as f64;
+    let enough = |epsilon: f64| {
+        let criteria = Criteria {
+            view: Some((eye, epsilon)),
+            ..Criteria::default()
+        };
+        (Selection::new(pyramid, &criteria).count() + coarsest) as f64 >= wanted
+    };
+    let (mut lo, mut hi) = (1e-6, 1e6);
+    while hi > lo * 1.001 {
+        let middle = f64::sqrt(lo * hi);
+        if enough(middle) { lo = middle } else { hi = middle }
+    }
+    lo
+}
+
+/// How a picture differs from the full one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Difference {
+    /// See [`Row::mse`].
+    pub mse: f64,
+    /// See [`Row::depth`].
+    pub depth: f64,
+    /// See [`Row::one_sided`].
+    pub one_sided: usize,
+}
+
+impl Difference {
+    /// Of two frames with t and rgba of the same size; `voxel` is the world length depth is divided by. Zeros where nothing is hit.
+    #[must_use]
+    pub fn of(full: &Frame, other: &Frame, voxel: f64) -> Self {
+        let (mut colour, mut pixels, mut depth, mut both, mut one_sided) = (0.0, 0usize, 0.0, 0usize, 0);
+        for (i, (&a, &b)) in full.t.iter().zip(&other.t).enumerate() {
+            if a.is_infinite() && b.is_infinite() {
+                continue;
+            }
+            pixels += 1;
+            let d = |c: usize| f64::from(full.rgba[i][c]) - f64::from(other.rgba[i][c]);
+            colour += (d(0).powi(2) + d(1).powi(2) + d(2).powi(2)) / 3.0;
+            if a.is_finite() && b.is_finite() {
+                both += 1;
+                depth += ((a - b) / voxel).powi(2);
+            } else {
+                one_sided += 1;
+            }
+        }
+        Self {
+            mse: colour / pixels.max(1) as f64,
+            depth: (depth / both.max(1) as f64).sqrt(),
+            one_sided,
+        }
+    }
+}
+
+/// Connected parts of the samples at or above a value; samples next to each other along an axis are connected.
+#[must_use]
+pub fn parts(grid: &Grid, value: f64) -> usize {
+    let [nx, ny, nz] = grid.dims;
+    let mut open: Vec<bool> = (0..grid.samples.len()).map(|i| grid.samples.get(i) >= value).collect();
+    let mut parts = 0;
+    let mut stack = Vec::new();
+    for start in 0..open.len() {
+        if !std::mem::take(&mut open[start]) {
+            continue;
+        }
+        parts += 1;
+        stack.push(start);
+        while let Some(i) = stack.pop() {
+            let (x, y, z) = (i % nx, i / nx % ny, i / (nx * ny));
+            let near = [
+                (x > 0, i.wrapping_sub(1)),
+                (x + 1 < nx, i + 1),
+                (y > 0, i.wrapping_sub(nx)),
+                (y + 1 < ny, i + nx),
+                (z > 0, i.wrapping_sub(nx * ny)),
+                (z + 1 < nz, i + nx * ny),
+            ];
+            for (inside, j) in near {
+                if inside && std::mem::take(&mut open[j]) {
+                    stack.push(j);
+                }
+            }
+        }
+    }
+    parts
+}
+
+/// A row of Figure 4.5: the greatest coefficients alone.
+#[derive(Debug, Clone)]
+pub struct Compression {
+    /// Coefficients that are not dropped.
+    pub kept: usize,
+    /// `kept` by all.
+    pub share: f64,
+    /// Root mean square and greatest difference of the spline coefficients, data units.
+    pub rms: f64,
+    /// Greatest.
+    pub max: f64,
+    /// The picture against the full one.
+    pub picture: Difference,
+}
+
+impl Setting<'_> {
+    /// Compression to the given shares of the coefficients, with the picture of each.
+    ///
+    /// # Errors
+    /// As [`Setting::rows`].
+    pub fn compressions(&self, shares: &[f64], weighted: bool) -> Result<Vec<(Compression, Picture)>, RenderError> {
+        let pool = Pool::new(self.threads)?;
+        let pyramid = pool.install(|| Pyramid::new(self.grid, self.bank))?;
+        let full = self.picture(self.grid)?;
+        let mut rows = Vec::new();
+        for &share in shares {
+            let count = (share * pyramid.coefficients() as f64).round() as usize;
+            let (small, kept) = pyramid.keep_largest(count, weighted);
+            let small = Arc::new(small);
+            let grid = pool.install(|| -> Result<Grid, DataError> {
+                let mut adaptive = Adaptive::new(small.clone());
+                adaptive.update(&Selection::whole(&small, true), Extent::Whole);
+                adaptive.grid()
+            })?;
+            let (mut sum, mut max) = (0.0, 0.0f64);
+            let Samples::F32(values) = &grid.samples else {
+                unreachable!("an adaptive reconstruction is in f32")
+            };
+            for (i, &v) in values.iter().enumerate() {
+                let d = f64::from(v) - self.grid.samples.get(i);
+                sum += d * d;
+                max = max.max(d.abs());
+            }
+            let picture = self.picture(&grid)?;
+            let row = Compression {
+                kept,
+                share: kept as f64 / pyramid.coefficients() as f64,
+                rms: (sum / values.len() as f64).sqrt(),
+                max,
+                picture: Difference::of(&full.frame, &picture.frame, self.grid.spacing.min_element()),
+            };
+            rows.push((row, picture));
+        }
+        Ok(rows)
+    }
+}
