@@ -1,8 +1,8 @@
 //! What every method must do, whatever it is: the same checks for all, through the traits only.
 
 use isobar_core::{
-    Camera, Channels, DVec3, Data, DataKind, Frame, Grid, KnobKind, Knobs, Method, NO_SURFACE, Ray, RenderError, Renderer,
-    Request, Samples, Scene, Stage, Stop, Surface, SurfaceKind, TransferFunction, View,
+    Camera, Channels, ClipPlane, DVec3, Data, DataKind, Frame, Grid, KnobKind, Knobs, Method, NO_SURFACE, Ray, RenderError,
+    Renderer, Request, Samples, Scene, Stage, Stop, Surface, SurfaceKind, TransferFunction, View,
 };
 use isobar_fields::Synthetic;
 use isobar_oracle::Truth;
@@ -458,4 +458,104 @@ fn real_data_agree_with_the_oracle() {
         assert!(wrong * 20 < check.hits, "{id}: {wrong} wrong of {}", check.hits);
         assert_eq!(check.refuted, 0, "{id}");
     }
+}
+
+/// A method that clips keeps what the truth keeps; one that does not says so.
+#[test]
+fn clipping_planes_are_kept_or_refused() {
+    let data = synthetic("sphere,n=65");
+    let surfaces = [Surface::isovalue(1.0, 0)];
+    let mut view = View::bench(64, 48);
+    for (normal, distance) in [(DVec3::new(2.0, 0.5, 0.0), 0.6), (DVec3::Z, 0.5)] {
+        view.clips.push(ClipPlane {
+            normal,
+            distance,
+            cap: false,
+        });
+    }
+    let mut clipping = Vec::new();
+    for m in methods("clipping_planes_are_kept_or_refused") {
+        let id = m.info().id;
+        let scene = Scene {
+            data: &data,
+            surfaces: &surfaces,
+            medium: None,
+            view: &view,
+        };
+        let r = request(Knobs::default());
+        if let Err(e) = m.supports(&scene, &r) {
+            let e = e.to_string();
+            assert!(e.starts_with(id) && !e.contains('\n'), "{e}");
+            continue;
+        }
+        let (f, renderer) = draw(m, &r, &data, &surfaces, &view);
+        let s = renderer.reconstruction(Stage::Stored).expect("a function");
+        let truth = Truth::compute(&s, &surfaces, &view, &Stop::default()).expect("truth");
+        // 795 of the trilinear samples.
+        assert!(truth.hits() > 700, "{} hits", truth.hits());
+        let c = isobar_oracle::check(&f, &truth, &s, &surfaces, &view).expect("a check");
+        let wrong = c.missed + c.false_hits + c.wrong_root + c.wrong_surface;
+        // A mesh differs from the function at silhouettes and along the cut.
+        assert!(
+            wrong <= truth.hits() / 50 && c.refuted == 0 && c.undecidable < 10,
+            "{id}: {wrong} wrong, {c:?}"
+        );
+        clipping.push(id);
+    }
+    assert!(
+        clipping.contains(&"march/cpu") && clipping.contains(&"mc/cpu"),
+        "{clipping:?}"
+    );
+}
+
+/// hardcases E2: a camera a thousandth of a voxel before the wall, one voxel across 2000 pixels, at the far end of 512 samples (the other axes
+/// are short: only the size of the coordinate matters). Depth to 1e-4 voxel, normals without steps.
+#[test]
+fn a_camera_at_the_wall_sees_no_steps() {
+    let data = grid([512, 9, 9], |i, j, _| i + 0.3 * (0.9 * j).sin());
+    let surfaces = [Surface::isovalue(509.25, 0)];
+    let from = |x: f64| View {
+        camera: Camera::Orthographic {
+            eye: DVec3::new(x, 4.2, 4.1),
+            target: DVec3::new(511.0, 4.2, 4.1),
+            up: DVec3::Z,
+            height: 1.0 / 2000.0,
+        },
+        width: 64,
+        height: 1,
+        clips: vec![],
+    };
+    let mut seen = 0;
+    for m in methods("a_camera_at_the_wall_sees_no_steps") {
+        let (id, specs) = (m.info().id, m.info().knobs);
+        let cubic = specs
+            .iter()
+            .any(|k| k.name == "reconstruction" && matches!(k.kind, KnobKind::Choice(words) if words.contains(&"cubic")));
+        // f32 positions at 509 are 3e-5 voxel apart: march/gpu's own tests say what that does.
+        if !cubic || m.info().gpu {
+            continue;
+        }
+        let mut knobs = Knobs::default().with("reconstruction", "cubic");
+        if specs.iter().any(|k| k.name == "bisections") {
+            knobs.set("bisections", "16");
+        }
+        let r = request(knobs);
+        let (_, renderer) = draw(m, &r, &data, &surfaces, &from(505.0));
+        let s = renderer.reconstruction(Stage::Stored).expect("a function");
+        let truth = |v: &View| Truth::compute(&s, &surfaces, v, &Stop::default()).expect("truth");
+        let wall = truth(&from(505.0)).pixels.iter().map(|p| p.t()).fold(f64::INFINITY, f64::min);
+        let view = from(505.0 + wall - 1e-3);
+        let (f, _) = draw(m, &r, &data, &surfaces, &view);
+        let c = isobar_oracle::check(&f, &truth(&view), &s, &surfaces, &view).expect("a check");
+        assert!(c.is_clean() && c.hits == 64 && c.undecidable == 0, "{id}: {c:?}");
+        assert!(c.t_error_voxels.max <= 1e-4, "{id}: {} voxels off", c.t_error_voxels.max);
+        let lean: Vec<f32> = f.normal[..64].iter().map(|n| n[1]).collect();
+        let down = lean[63] < lean[0];
+        assert!(
+            lean.windows(2).all(|w| (w[1] < w[0]) == down && w[1] != w[0]),
+            "{id}: {lean:?}"
+        );
+        seen += 1;
+    }
+    assert!(seen >= 1);
 }

@@ -7,8 +7,8 @@ use crate::cases::{self, Basis, Case, CaseRay, CaseRoot, Problem};
 use crate::results::{Matrix, MatrixRow, MatrixTable, Verdict, VerdictKind};
 use anyhow::{Context, Result};
 use isobar::run::{self, Setup};
-use isobar_core::{Channels, Data, Frame, Function, Method, Ray, Request, Stage, Stop, Surface, View};
-use isobar_fields::{GridSpline, Kind, Synthetic};
+use isobar_core::{Channels, Data, Frame, Method, Ray, Request, Stage, Stop, Surface, View};
+use isobar_fields::{Reconstruction, Synthetic};
 use isobar_oracle::{Oracle, univariate};
 use isobar_poly::{First, NamedSolver, RootKind};
 use std::path::Path;
@@ -26,7 +26,7 @@ const LAYERS: usize = 8;
 /// When a case file cannot be read or holds a case that makes no sense.
 pub fn run(folder: &Path, methods: &[&'static dyn Method]) -> Result<Matrix> {
     let all = cases::read_all(folder)?;
-    let solvers = isobar_poly::solvers();
+    let solvers = [isobar_poly::solvers(), isobar_octree::finders::solvers()].concat();
     let mut polynomials = MatrixTable {
         title: "Polynomials, by root finder".into(),
         columns: std::iter::once("oracle".to_owned())
@@ -47,7 +47,7 @@ pub fn run(folder: &Path, methods: &[&'static dyn Method]) -> Result<Matrix> {
     for c in &all {
         let why = || format!("case {}", c.id);
         match &c.problem {
-            Problem::Polynomial { .. } => polynomials.rows.push(polynomial(c, solvers).with_context(why)?),
+            Problem::Polynomial { .. } => polynomials.rows.push(polynomial(c, &solvers).with_context(why)?),
             Problem::Grid { .. } => grids.rows.extend(grid(c, methods).with_context(why)?),
             Problem::Field { .. } => surfaces.rows.push(field(c, methods).with_context(why)?),
         }
@@ -276,9 +276,8 @@ fn grid(c: &Case, methods: &[&'static dyn Method]) -> Result<Vec<MatrixRow>> {
     let data = Arc::new(Data::Grid(grid.clone()));
     let mut rows = Vec::new();
     for name in reconstructions {
-        let kind: Kind = name.parse()?;
-        let spline: Arc<dyn Function> = Arc::new(GridSpline::new(&grid, kind, Stage::Stored)?);
-        let oracle = Oracle::new(spline, isovalue.value());
+        let kind: Reconstruction = name.parse()?;
+        let oracle = Oracle::new(kind.of(&grid, Stage::Stored)?, isovalue.value());
         let mut cells = vec![declared(c, "oracle", oracle_on_rays(c, &oracle, ray))];
         for m in methods {
             let v = method_on_rays(c, *m, &data, Some(name), isovalue.value(), ray);
@@ -368,7 +367,7 @@ fn method_on_rays(
         threads: 1,
         ..Request::default()
     };
-    if let Some(name) = reconstruction.filter(|k| *k != Kind::NAMES[0] || has_knob(m, "reconstruction")) {
+    if let Some(name) = reconstruction.filter(|k| *k != Reconstruction::NAMES[0] || has_knob(m, "reconstruction")) {
         request.knobs.set("reconstruction", name);
     }
     let setup = |request: &Request| Setup {

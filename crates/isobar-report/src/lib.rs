@@ -22,4 +22,5 @@ pub mod record;
 pub mod report;
 pub mod results;
 pub mod sdf;
+pub mod steinberger;
 pub mod tables;

@@ -62,7 +62,12 @@ pub(crate) struct Job<'a> {
 /// When files of the page cannot be written.
 pub fn scene(d: &Definition, methods: &[&'static dyn Method], settings: &Settings, stop: &Stop) -> Result<Scene> {
     let start = Instant::now();
-    let scale = if settings.full && d.group != "sweep" { 2 } else { 1 };
+    // Papers' scenes and growth have the sizes they are compared at.
+    let scale = if settings.full && !matches!(d.group.as_str(), "sweep" | "imported") {
+        2
+    } else {
+        1
+    };
     let mut out = Scene {
         id: d.id.clone(),
         group: d.group.clone(),

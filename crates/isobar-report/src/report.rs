@@ -3,7 +3,7 @@
 use crate::definitions::{Definition, Tier};
 use crate::measure::{self, Settings};
 use crate::results::{MODELS, Report, Scene};
-use crate::{benches, convergence, data, definitions, hard, machine, page, record, tables};
+use crate::{benches, convergence, data, definitions, hard, machine, page, record, steinberger, tables};
 use anyhow::{Context, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use isobar_core::{Method, Stop};
@@ -67,6 +67,8 @@ pub fn run(o: &Options) -> Result<PathBuf> {
     for f in FIELDS {
         r.convergence.extend(convergence::measure(f)?);
     }
+    bar.set_message("tables of the thesis");
+    r.steinberger = steinberger::measure(&folder.join("hard/cases"))?;
     bar.finish_and_clear();
     r.benches = o
         .criterion
@@ -147,6 +149,7 @@ fn publish(r: &Report, stage: &Path, reports: &Path) -> Result<()> {
         std::fs::remove_dir_all(&csv)?;
     }
     tables::write(r, &csv)?;
+    steinberger::write(&r.steinberger, &csv.join("imported/steinberger2010"))?;
     let machine: String = r.machine.iter().map(|(k, v)| format!("{k}: {v}\n")).collect();
     let lines = format!(
         "date: {} UTC\ncommand: {}\nrevision: {}\n{machine}",

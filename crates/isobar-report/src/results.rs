@@ -21,6 +21,8 @@ pub struct Report {
     pub convergence: Vec<Convergence>,
     /// The hard cases.
     pub hard: Matrix,
+    /// Tables of Steinberger's thesis.
+    pub steinberger: crate::steinberger::Steinberger,
     /// Criterion's estimates.
     pub benches: Vec<Bench>,
     /// Methods that could not start, with the reason.

@@ -1,5 +1,6 @@
 //! The command line: flags, help, and how an answer or an error leaves the process.
 
+use crate::interrupt;
 use crate::verbs;
 use crate::view_spec::ViewFlags;
 use anyhow::Result;
@@ -17,7 +18,7 @@ use std::path::PathBuf;
     disable_help_subcommand = true,
     after_help = "DATA is a file (NRRD, NIfTI, VTI, legacy VTK, Open SciVis raw) or synthetic:NAME[,n=64][,as=grid|algebraic|tets|hexes]\n\
                   [,key=value...], such as synthetic:gyroid,n=128.\n\
-                  Exit status: 0 done, 1 answered no (check), 2 unusable input or arguments.\n\
+                  Exit status: 0 done, 1 answered no (check), 2 unusable input or arguments, 130 interrupted.\n\
                   Certified truth is kept under $ISOBAR_CACHE, else target/isobar-truth of the workspace, else the user's cache folder."
 )]
 pub struct Cli {
@@ -61,6 +62,9 @@ pub struct DataFlags {
     /// Read NaN and infinite samples as this number
     #[arg(long, value_name = "C", allow_hyphen_values = true)]
     pub nan: Option<String>,
+    /// Average a field of the cells of a mesh to its points
+    #[arg(long)]
+    pub cell_to_point: bool,
 }
 
 /// Flags of `info`.
@@ -307,7 +311,8 @@ fn reduce(e: &clap::Error) -> String {
     format!("{said}; see isobar{verb} --help")
 }
 
-/// Runs the program with these arguments and returns the exit status: 0 done, 1 answered no, 2 unusable input or arguments.
+/// Runs the program with these arguments and returns the exit status: 0 done, 1 answered no, 2 unusable input or arguments, 130
+/// interrupted.
 #[must_use]
 pub fn run(arguments: Vec<OsString>) -> u8 {
     let command: Vec<String> = arguments.iter().map(|a| a.to_string_lossy().into_owned()).collect();
@@ -331,6 +336,11 @@ pub fn run(arguments: Vec<OsString>) -> u8 {
             }
             u8::from(a.no)
         }
+        // Whatever the work said when it was stopped.
+        Err(_) if interrupt::is_asked() => {
+            complain("interrupted");
+            interrupt::STATUS
+        }
         Err(e) => {
             complain(&format!("{e:#}"));
             2
@@ -350,7 +360,7 @@ fn say(text: &str) -> Result<()> {
 }
 
 /// One line on standard error, whatever the text.
-fn complain(text: &str) {
+pub(crate) fn complain(text: &str) {
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
     // Nothing can be said if even this fails.
     let _ = writeln!(std::io::stderr().lock(), "isobar: {line}");

@@ -10,6 +10,7 @@ pub mod checking;
 pub mod cli;
 pub mod compare;
 pub mod histogram;
+pub mod interrupt;
 pub mod machine;
 pub mod mesh;
 pub mod output;
@@ -33,6 +34,9 @@ pub fn methods() -> Vec<&'static dyn Method> {
         &isobar_baseline::MARCH_GPU,
         &isobar_baseline::MC_CPU,
         &isobar_octree::OCTREE_CPU,
+        #[cfg(feature = "gpu")]
+        &isobar_octree::OCTREE_GPU,
+        &isobar_tetspline::TETSPLINE_CPU,
     ]
 }
 

@@ -11,5 +11,6 @@ fn main() -> ExitCode {
             eprintln!("isobar: internal error, please report it with the command that led here: {line}");
         }
     }));
+    isobar::interrupt::listen();
     ExitCode::from(isobar::cli::run(std::env::args_os().collect()))
 }

@@ -1,43 +1,57 @@
-//! Progress on a terminal, for anything that takes more than a second.
+//! Progress on a terminal, for anything that takes more than a second, and its end when the program is asked to end.
 
+use crate::interrupt;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use isobar_core::Stop;
 use std::io::IsTerminal;
 use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Runs `work`, showing what `stop` says of its progress after the first second, on standard error and only where that is a terminal.
-/// Work that reports no steps gets a spinner. The line is gone afterwards.
+/// Work that reports no steps gets a spinner. The line is gone afterwards. Where the program is asked to end, `stop` is raised.
 pub fn watch<T>(label: &str, stop: &Stop, work: impl FnOnce() -> T) -> T {
-    if !std::io::stderr().is_terminal() {
-        return work();
-    }
+    let shown = std::io::stderr().is_terminal();
+    let _ends_by_itself = interrupt::watched();
     let (done, waits) = channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
-            if !matches!(waits.recv_timeout(Duration::from_secs(1)), Err(RecvTimeoutError::Timeout)) {
-                return;
-            }
-            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
-            bar.set_message(label.to_owned());
+            let start = Instant::now();
+            let mut bar = None;
             while matches!(waits.recv_timeout(Duration::from_millis(100)), Err(RecvTimeoutError::Timeout)) {
-                let (steps, total) = stop.progress();
-                if total > 0 {
-                    if bar.length() != Some(total) {
-                        bar.set_length(total);
-                        bar.set_style(style("{msg} [{bar:30}] {percent}% {elapsed}"));
-                    }
-                    bar.set_position(steps);
-                } else {
-                    bar.tick();
+                if interrupt::is_asked() {
+                    stop.raise();
+                }
+                if shown && start.elapsed() > Duration::from_secs(1) {
+                    show(bar.get_or_insert_with(|| new_bar(label)), stop);
                 }
             }
-            bar.finish_and_clear();
+            if let Some(bar) = bar {
+                bar.finish_and_clear();
+            }
         });
         // Dropped on return and on a panic alike: the watcher ends.
         let _ends_the_watcher = done;
         work()
     })
+}
+
+fn new_bar(label: &str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+    bar.set_message(label.to_owned());
+    bar
+}
+
+fn show(bar: &ProgressBar, stop: &Stop) {
+    let (steps, total) = stop.progress();
+    if total > 0 {
+        if bar.length() != Some(total) {
+            bar.set_length(total);
+            bar.set_style(style("{msg} [{bar:30}] {percent}% {elapsed}"));
+        }
+        bar.set_position(steps);
+    } else {
+        bar.tick();
+    }
 }
 
 fn style(template: &str) -> ProgressStyle {

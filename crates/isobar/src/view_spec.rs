@@ -108,6 +108,18 @@ impl ViewFlags {
         })
     }
 
+    /// Refuses `--cap`, for verbs that need the certified truth: a closed cut is no root of the function.
+    ///
+    /// # Errors
+    /// When there is one.
+    pub fn require_open_cuts(&self) -> Result<()> {
+        ensure!(
+            self.cap.is_empty(),
+            "--cap: a closed cut is no root, so the oracle has nothing to say about it; leave out --cap"
+        );
+        Ok(())
+    }
+
     /// The view these flags mean for data of these world bounds `(min, max)`.
     ///
     /// # Errors

@@ -441,9 +441,10 @@ fn bad_arguments_are_one_line() {
             "--method march/cpu",
         ),
         (
-            format!("check {SPHERE} --method march/cpu --isovalue 1 --clip 1,0,0,0"),
-            "--clip",
+            format!("check {SPHERE} --method march/cpu --isovalue 1 --clip 1,0,0,0 --cap"),
+            "--cap",
         ),
+        (format!("compare {SPHERE} --isovalue 1 --clip 1,0,0,0 --cap -o out"), "--cap"),
         (format!("check {SPHERE} --method march/cpu --isovalue 1 --map m.exr"), "--map"),
         (
             format!("check {SPHERE} --method march/cpu --isovalue 1 --rays 10 --view +x"),
@@ -542,6 +543,41 @@ fn a_reader_that_leaves_is_no_error_and_a_full_disk_is_one() {
         let said = text(&o.stderr);
         assert_eq!((o.status.code(), said.lines().count()), (Some(2), 1), "{said}");
         assert!(said.contains("standard output"), "{said}");
+    }
+}
+
+/// One line, the status of an interrupted program, nothing written.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_leaves_nothing() {
+    use std::process::Stdio;
+    let p = Place::new();
+    let before = p.names();
+    for line in [
+        "render synthetic:gyroid,n=64 --method march/cpu --isovalue 0.2 --size 4000x3000 --repeat 10000 -o a.png --stats s.json",
+        "compare synthetic:gyroid,n=48 --isovalue 0.2 --size 800x600 --repeat 100000 --methods march/cpu,mc/cpu -o out",
+    ] {
+        let child = Command::new(env!("CARGO_BIN_EXE_isobar"))
+            .args(line.split_whitespace())
+            .current_dir(p.dir.path())
+            .env("ISOBAR_CACHE", "")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        std::thread::sleep(std::time::Duration::from_millis(1500));
+        let sent = Command::new("kill")
+            .args(["-INT", &child.id().to_string()])
+            .status()
+            .expect("kill");
+        assert!(sent.success(), "{line} ended too early");
+        let o = child.wait_with_output().expect("it ends");
+        assert_eq!(
+            (o.status.code(), text(&o.stderr)),
+            (Some(130), "isobar: interrupted\n".into()),
+            "{line}"
+        );
+        assert_eq!((text(&o.stdout), p.names()), (String::new(), before.clone()), "{line}");
     }
 }
 

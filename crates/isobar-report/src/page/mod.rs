@@ -3,6 +3,7 @@
 mod html;
 mod matrix;
 mod scene;
+mod steinberger;
 mod summary;
 
 use crate::plots;
@@ -68,6 +69,7 @@ pub fn page(r: &Report) -> Result<String> {
         }
         out.push_str(&skipped(&scenes));
     }
+    out.push_str(&steinberger::section(&r.steinberger));
     out.push_str(&matrix::matrix(&r.hard));
     out.push_str(&convergence(&r.convergence)?);
     out.push_str(&benches(&r.benches));

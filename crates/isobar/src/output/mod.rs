@@ -142,6 +142,7 @@ pub fn probe_folder(flag: &str, path: &Path, folder: &Path) -> Result<()> {
 /// What `fill` or the file system says, with the path.
 pub fn atomically(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<()> {
     let what = || format!("{}: could not be written", path.display());
+    let _whole = crate::interrupt::writing()?;
     let mut builder = tempfile::Builder::new();
     builder.prefix(".isobar-");
     #[cfg(unix)]

@@ -32,10 +32,7 @@ pub fn run(args: &CheckArgs) -> Result<Answer> {
     let knobs = settings::parse_knobs(&args.draw.set)?;
     settings::resolve(method, &knobs)?;
     args.view.validate()?;
-    ensure!(
-        args.view.clip.is_empty(),
-        "--clip: the oracle certifies whole domains only; check without clipping planes"
-    );
+    args.view.require_open_cuts()?;
     ensure!(
         args.rays.is_none_or(|n| (1..=MAX_RAYS).contains(&n)),
         "--rays {}: give a number from 1 to {MAX_RAYS}",

@@ -40,6 +40,7 @@ pub fn run(args: &CompareArgs, command: &[String]) -> Result<Answer> {
     );
     ensure!(args.repeat >= 1, "--repeat 0: nothing would be timed; give 1 or more");
     args.view.validate()?;
+    args.view.require_open_cuts()?;
     super::request(&args.draw, knobs.clone(), isobar_core::Channels::RGBA, 1)?;
     probe(&args.output)?;
     let (source, _) = super::open(&args.data)?;
@@ -110,6 +111,7 @@ fn probe(dir: &Path) -> Result<()> {
 /// Everything is made in a temporary folder beside the one wanted and moved when complete.
 fn write(dir: &Path, c: &Comparison, max_error: Option<f64>, scene: &str, command: &[String]) -> Result<()> {
     let what = || format!("-o {}", dir.display());
+    let _whole = crate::interrupt::writing()?;
     let parent = match dir.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),

@@ -22,6 +22,7 @@ pub fn open(flags: &DataFlags) -> Result<(Source, f64)> {
     let options = isobar_io::Options {
         field: flags.field.clone(),
         nan,
+        cell_to_point: flags.cell_to_point,
     };
     let start = Instant::now();
     let source = progress::watch(&format!("reading {}", flags.data), &Stop::default(), || {

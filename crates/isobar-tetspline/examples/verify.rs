@@ -1,0 +1,87 @@
+//! Draws a scene with several settings, holds each frame against the oracle, and gives the CPU time of a frame (least of five, all threads):
+//! `cargo run --release -p isobar-tetspline --example verify -- FILE|NAME,n=64 ISOVALUE [WIDTHxHEIGHT]`. Synthetic data are seen in the bench view, files in the default one.
+
+use isobar_core::{Channels, Data, Frame, Knobs, Method, Request, Stage, Stop, Surface, View};
+use isobar_fields::Synthetic;
+use isobar_oracle::{Truth, check};
+use rustix::time::{ClockId, clock_gettime};
+use std::path::Path;
+use std::sync::Arc;
+
+fn cpu_seconds() -> f64 {
+    let t = clock_gettime(ClockId::ProcessCPUTime);
+    t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let argument = |n: usize, default: &str| std::env::args().nth(n).unwrap_or_else(|| default.into());
+    let (spec, size) = (argument(1, "marschner-lobb,n=64"), argument(3, "512x384"));
+    let isovalue: f64 = argument(2, "0.5").parse()?;
+    let (w, h) = size.split_once('x').ok_or("a size such as 512x384")?;
+    let (w, h) = (w.parse()?, h.parse()?);
+    let (data, view) = if Path::new(&spec).exists() {
+        let data = isobar_io::load(Path::new(&spec), &isobar_io::Options::default())?.data;
+        let view = View::fit(data.bounds(), 40.0, w, h);
+        (data, view)
+    } else {
+        (spec.parse::<Synthetic>()?.data()?, View::bench(w, h))
+    };
+    let data: Arc<Data> = Arc::new(data);
+    let surfaces = [Surface::isovalue(isovalue, 0)];
+    let settings = [
+        Knobs::default(),
+        Knobs::default().with("classify", "data"),
+        Knobs::default().with("roots", "newton3"),
+        Knobs::default().with("classify", "paper"),
+    ];
+    let mut truth = None;
+    for knobs in settings {
+        let text: Vec<String> = knobs.0.iter().map(|(k, v)| format!("{k}={v}")).collect();
+        let request = Request {
+            channels: Channels::T | Channels::NORMAL | Channels::SURFACE | Channels::RGBA | Channels::CLAIM | Channels::T_ERROR,
+            knobs,
+            ..Request::default()
+        };
+        let mut r = isobar_tetspline::TETSPLINE_CPU.open(&request)?;
+        r.set_data(&data)?;
+        r.set_surfaces(&surfaces)?;
+        r.set_view(&view)?;
+        let mut frame = Frame::default();
+        let (mut first, mut least) = (0.0, f64::INFINITY);
+        for n in 0..5 {
+            let start = cpu_seconds();
+            r.render(&Stop::default())?;
+            let ms = (cpu_seconds() - start) * 1e3;
+            if n == 0 {
+                first = ms;
+            }
+            least = ms.min(least);
+        }
+        r.read(&mut frame)?;
+        let f = r.reconstruction(Stage::Stored).ok_or("a reconstruction")?;
+        if truth.is_none() {
+            truth = Some(Truth::compute(&f, &surfaces, &view, &Stop::default())?);
+        }
+        let truth = truth.as_ref().ok_or("truth")?;
+        let c = check(&frame, truth, &f, &surfaces, &view)?;
+        println!(
+            "{spec} at {isovalue}, {w}x{h}, {}: {} hits, missed {}, false {}, wrong root {}, refuted {}, undecidable {}, unclaimed {} of {}; t p99 {:.1e} max {:.1e} voxel; \
+             CPU {first:.0} ms first, {least:.0} ms least; index {} bytes; stages {:?}; {:?}",
+            if text.is_empty() { "default".into() } else { text.join(" ") },
+            c.hits,
+            c.missed,
+            c.false_hits,
+            c.wrong_root,
+            c.refuted,
+            c.undecidable,
+            c.unclaimed,
+            c.pixels,
+            c.t_error_voxels.p99,
+            c.t_error_voxels.max,
+            r.memory().index,
+            c.stage,
+            r.counters()
+        );
+    }
+    Ok(())
+}

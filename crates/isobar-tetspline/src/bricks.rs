@@ -1,0 +1,325 @@
+//! Which cubes an isovalue can meet: a min/max hierarchy over bricks of 4^3 cubes.
+//!
+//! Kalbe et al. 2009, section 4.1, classify every cube on each change of the isovalue from its determining set, and name min/max structures as an improvement
+//! (section 5). Here: the least and greatest datum of the 27-neighbourhoods of every brick, once per data set; per isovalue one bit per brick, 64 bricks to a word; the cubes of
+//! a brick get such a word, from their 27 data, when the first ray enters it, and the 24 tetrahedra of a cube their bits, from their coefficients, when the first ray enters
+//! the cube: the paper's arrays T_active, for what is seen of them. All this is conservative; the paper's own classification of cubes is not (maths: corrections, section A, caution 1;
+//! counted by [`crate::classify`]).
+
+use crate::classify::{Rule, is_active};
+use crate::ray::Bounds;
+use rayon::prelude::*;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+/// Cubes of a brick, and bricks of a node, per axis: the word of either has 4^3 = 64 bits, x fastest.
+pub(crate) const SIDE: usize = 4;
+
+/// Data a volume may have.
+pub(crate) trait Datum: Copy + PartialOrd + Into<f64> + Send + Sync + std::fmt::Debug + 'static {}
+impl<T: Copy + PartialOrd + Into<f64> + Send + Sync + std::fmt::Debug + 'static> Datum for T {}
+
+/// Bit of cube or brick (x, y, z) in its word; only the lowest two bits of each count.
+#[inline(always)]
+pub(crate) fn bit([x, y, z]: [i32; 3]) -> u32 {
+    ((z & 3) << 4 | (y & 3) << 2 | (x & 3)) as u32
+}
+
+#[inline(always)]
+fn least<T: PartialOrd>(a: T, b: T) -> T {
+    if b < a { b } else { a }
+}
+
+#[inline(always)]
+fn greatest<T: PartialOrd>(a: T, b: T) -> T {
+    if b > a { b } else { a }
+}
+
+/// The range of every brick; depends on the data alone.
+#[derive(Debug)]
+pub(crate) struct Bricks<T> {
+    /// Bricks per axis.
+    pub(crate) dims: [usize; 3],
+    range: Vec<[T; 2]>,
+}
+
+impl<T: Datum> Bricks<T> {
+    /// For data of `dims`, each at least 2: as many cubes.
+    pub(crate) fn new(data: &[T], dims: [usize; 3]) -> Self {
+        let bricks = dims.map(|n| n.div_ceil(SIDE));
+        let mut range = vec![[data[0]; 2]; bricks.iter().product()];
+        range.par_chunks_mut(bricks[0]).enumerate().for_each(|(row, out)| {
+            let span = |b: usize, n: usize| (b * SIDE).saturating_sub(1)..(b * SIDE + SIDE + 1).min(n);
+            for (i, o) in out.iter_mut().enumerate() {
+                let x = span(i, dims[0]);
+                let mut r: Option<[T; 2]> = None;
+                for z in span(row / bricks[1], dims[2]) {
+                    for y in span(row % bricks[1], dims[1]) {
+                        let start = (z * dims[1] + y) * dims[0];
+                        for &v in &data[start + x.start..start + x.end] {
+                            r = Some(r.map_or([v; 2], |[a, b]| [least(a, v), greatest(b, v)]));
+                        }
+                    }
+                }
+                if let Some(r) = r {
+                    *o = r;
+                }
+            }
+        });
+        Self { dims: bricks, range }
+    }
+
+    /// Bytes held.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(self.range.as_slice())
+    }
+
+    /// Least and greatest datum of all.
+    pub(crate) fn whole(&self) -> (f64, f64) {
+        self.range
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &[lo, hi]| {
+                (a.min(lo.into()), b.max(hi.into()))
+            })
+    }
+}
+
+/// Bricks, and later cubes and tetrahedra, that the isovalues can meet; made anew when these change, in time linear in the number of bricks.
+#[derive(Debug)]
+pub(crate) struct Active {
+    /// Words per axis.
+    pub(crate) dims: [usize; 3],
+    /// Bit b of word w: brick b of node w may hold a surface.
+    pub(crate) words: Vec<u64>,
+    /// How cubes are classified.
+    rule: Rule,
+    /// Active bricks before each word: where their cubes are.
+    before: Vec<u32>,
+    /// Per active brick, made when the first ray enters it.
+    bricks: Vec<OnceLock<Box<Cubes>>>,
+}
+
+/// The cubes of an active brick, and their tetrahedra: the paper's list of active tetrahedra, for what is seen of it.
+#[derive(Debug)]
+pub(crate) struct Cubes {
+    /// Active cubes; a bit is cleared when none of its tetrahedra turns out to be active.
+    mask: AtomicU64,
+    /// Per cube: active kinds (24 bits) and [`KNOWN`]. Empty where tetrahedra are not kept ([`Rule::Data`]).
+    kinds: Vec<AtomicU32>,
+}
+
+/// Marks kinds that have been worked out.
+const KNOWN: u32 = 1 << 31;
+
+impl Cubes {
+    /// Active cubes.
+    #[inline(always)]
+    pub(crate) fn mask(&self) -> u64 {
+        self.mask.load(Ordering::Relaxed)
+    }
+
+    /// Active kinds of cube `b`: all of them where they are not kept. `find` works them out.
+    #[inline(always)]
+    pub(crate) fn kinds(&self, b: u32, find: impl FnOnce() -> u32) -> u32 {
+        let Some(slot) = self.kinds.get(b as usize) else {
+            return (1 << 24) - 1;
+        };
+        match slot.load(Ordering::Relaxed) {
+            0 => {
+                let kinds = find();
+                // Every thread would store the same.
+                slot.store(kinds | KNOWN, Ordering::Relaxed);
+                if kinds == 0 {
+                    self.mask.fetch_and(!(1 << b), Ordering::Relaxed);
+                }
+                kinds
+            }
+            kinds => kinds & !KNOWN,
+        }
+    }
+}
+
+impl Active {
+    pub(crate) fn new<T: Datum>(bricks: &Bricks<T>, bounds: &[Bounds], rule: Rule) -> Self {
+        let dims = bricks.dims.map(|n| n.div_ceil(SIDE));
+        let mut words = vec![0u64; dims.iter().product()];
+        words.par_chunks_mut(dims[0] * dims[1]).enumerate().for_each(|(z, layer)| {
+            for k in z * SIDE..(z * SIDE + SIDE).min(bricks.dims[2]) {
+                for j in 0..bricks.dims[1] {
+                    let row = &bricks.range[(k * bricks.dims[1] + j) * bricks.dims[0]..][..bricks.dims[0]];
+                    let word = &mut layer[j / SIDE * dims[0]..][..dims[0]];
+                    for (i, &[lo, hi]) in row.iter().enumerate() {
+                        let (lo, hi) = (lo.into(), hi.into());
+                        let on = bounds.iter().any(|b| b.meets(lo, hi));
+                        word[i / SIDE] |= u64::from(on) << bit([i as i32, j as i32, k as i32]);
+                    }
+                }
+            }
+        });
+        let mut count = 0u32;
+        let before = words
+            .iter()
+            .map(|w| {
+                let at = count;
+                count += w.count_ones();
+                at
+            })
+            .collect();
+        Self {
+            dims,
+            words,
+            rule,
+            before,
+            bricks: (0..count).map(|_| OnceLock::new()).collect(),
+        }
+    }
+
+    /// Bytes held now.
+    pub(crate) fn bytes(&self) -> usize {
+        let made = self.bricks.iter().filter_map(OnceLock::get);
+        let cubes: usize = made.map(|c| size_of::<Cubes>() + c.kinds.len() * 4).sum();
+        self.words.len() * 12 + self.bricks.len() * size_of::<OnceLock<Box<Cubes>>>() + cubes
+    }
+
+    /// Active bricks.
+    pub(crate) fn count(&self) -> usize {
+        self.bricks.len()
+    }
+
+    /// The cubes of brick `at` (bit `b` of word `w`, which is set).
+    #[inline(always)]
+    pub(crate) fn cubes<T: Datum>(
+        &self,
+        w: usize,
+        b: u32,
+        at: [i32; 3],
+        data: &[T],
+        dims: [usize; 3],
+        bounds: &[Bounds],
+    ) -> &Cubes {
+        let below = self.words[w] & ((1u64 << b) - 1);
+        self.bricks[(self.before[w] + below.count_ones()) as usize].get_or_init(|| {
+            let mask = active_cubes(at, data, dims, bounds);
+            let mask = match self.rule {
+                Rule::DeterminingSet => narrowed(self.rule, mask, at, data, dims, bounds),
+                _ => mask,
+            };
+            let kinds = if self.rule == Rule::Data { 0 } else { 64 };
+            Box::new(Cubes {
+                mask: mask.into(),
+                kinds: (0..kinds).map(|_| AtomicU32::new(0)).collect(),
+            })
+        })
+    }
+}
+
+/// The cubes of a mask that another rule keeps.
+#[inline(never)]
+fn narrowed<T: Datum>(rule: Rule, mask: u64, brick: [i32; 3], data: &[T], dims: [usize; 3], bounds: &[Bounds]) -> u64 {
+    let mut out = 0;
+    let mut rest = mask;
+    while rest != 0 {
+        let n = rest.trailing_zeros();
+        rest &= rest - 1;
+        let cube: [usize; 3] = std::array::from_fn(|a| brick[a] as usize * SIDE + (n as usize >> (2 * a) & 3));
+        let near = |a: usize, o: usize| (cube[a] + o).saturating_sub(1).min(dims[a] - 1);
+        let on = bounds.iter().any(|b| {
+            let d: [f64; 27] = std::array::from_fn(|n| {
+                let at = (near(2, n / 9) * dims[1] + near(1, n / 3 % 3)) * dims[0] + near(0, n % 3);
+                data[at].into() - b.isovalue
+            });
+            is_active(rule, &d, b.margin())
+        });
+        out |= u64::from(on) << n;
+    }
+    out
+}
+
+/// Least and greatest of three neighbours along one axis after the other.
+#[inline(never)]
+pub(crate) fn active_cubes<T: Datum>(brick: [i32; 3], data: &[T], dims: [usize; 3], bounds: &[Bounds]) -> u64 {
+    const N: usize = SIDE + 2;
+    let first = brick.map(|b| b as usize * SIDE);
+    let index = |a: usize, i: usize| (first[a] + i).saturating_sub(1).min(dims[a] - 1);
+    let zero = data[0];
+    let mut rows = [[[zero; 2]; SIDE]; N * N];
+    for (n, row) in rows.iter_mut().enumerate() {
+        let start = (index(2, n / N) * dims[1] + index(1, n % N)) * dims[0];
+        let v: [T; N] = std::array::from_fn(|i| data[start + index(0, i)]);
+        for (i, r) in row.iter_mut().enumerate() {
+            *r = [
+                least(least(v[i], v[i + 1]), v[i + 2]),
+                greatest(greatest(v[i], v[i + 1]), v[i + 2]),
+            ];
+        }
+    }
+    let three = |a: [T; 2], b: [T; 2], c: [T; 2]| [least(least(a[0], b[0]), c[0]), greatest(greatest(a[1], b[1]), c[1])];
+    let mut planes = [[[zero; 2]; SIDE * SIDE]; N];
+    for (k, plane) in planes.iter_mut().enumerate() {
+        for j in 0..SIDE {
+            for i in 0..SIDE {
+                let at = k * N + j;
+                plane[j * SIDE + i] = three(rows[at][i], rows[at + 1][i], rows[at + 2][i]);
+            }
+        }
+    }
+    let mut mask = 0;
+    for k in 0..SIDE {
+        for (n, &below) in planes[k].iter().enumerate() {
+            let [lo, hi] = three(below, planes[k + 1][n], planes[k + 2][n]);
+            let inside = first[0] + n % SIDE < dims[0] && first[1] + n / SIDE < dims[1] && first[2] + k < dims[2];
+            let on = inside && bounds.iter().any(|b| b.meets(lo.into(), hi.into()));
+            mask |= u64::from(on) << (k * SIDE * SIDE + n);
+        }
+    }
+    mask
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A brick or cube is active exactly where the range of its 27 data meets the isovalue, also where sizes divide nothing.
+    #[test]
+    fn activity_is_that_of_the_neighbourhoods() {
+        let mut s = 12345u32;
+        for dims in [[2, 2, 2], [5, 9, 17], [18, 3, 6]] {
+            let data: Vec<f32> = (0..dims.iter().product())
+                .map(|i: usize| {
+                    s = s.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    (s >> 8) as f32 / 65536.0 / 8.0 + (i % dims[0]) as f32 * 10.0
+                })
+                .collect();
+            let bricks = Bricks::new(&data, dims);
+            let bounds = [Bounds::new(20.0, 0.0, (0.0, 256.0)), Bounds::new(90.0, 0.0, (0.0, 256.0))];
+            let active = Active::new(&bricks, &bounds, Rule::Data);
+            let (mut count, mut off) = (0, 0);
+            for z in 0..dims[2] {
+                for y in 0..dims[1] {
+                    for x in 0..dims[0] {
+                        let near = |i: usize, o: usize, n: usize| (i + o).saturating_sub(1).min(n - 1);
+                        let v = (0..27).map(|n| {
+                            let at = [near(x, n % 3, dims[0]), near(y, n / 3 % 3, dims[1]), near(z, n / 9, dims[2])];
+                            f64::from(data[(at[2] * dims[1] + at[1]) * dims[0] + at[0]])
+                        });
+                        let (lo, hi) = v.fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
+                        let want = bounds.iter().any(|b| b.meets(lo, hi));
+                        let cube = [x as i32, y as i32, z as i32];
+                        let brick = cube.map(|c| c >> 2);
+                        let w = ((brick[2] >> 2) as usize * active.dims[1] + (brick[1] >> 2) as usize) * active.dims[0]
+                            + (brick[0] >> 2) as usize;
+                        let on = active.words[w] >> bit(brick) & 1 == 1;
+                        assert!(on || !want, "an active cube in a brick that is not");
+                        if on {
+                            let mask = active.cubes(w, bit(brick), brick, &data, dims, &bounds).mask();
+                            assert_eq!(mask >> bit(cube) & 1 == 1, want, "{cube:?} of {dims:?}");
+                        }
+                        count += usize::from(want);
+                        off += usize::from(!want);
+                    }
+                }
+            }
+            assert!(count > 0 && (off > 0 || dims[0] == 2), "{dims:?}");
+        }
+    }
+}

@@ -1,0 +1,451 @@
+//! `tetspline/cpu` as a method.
+
+use crate::bricks::{Active, Bricks, Datum};
+use crate::classify::Rule;
+use crate::ray::{Bounds, Entry, Space, Walk};
+use crate::roots::Finder;
+use crate::walk::{Root, Scratch, Search, Work};
+use glam::DVec3;
+use isobar_core::{
+    Claim, Counters, Data, DataKind, Frame, Function, Grid, Hit, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, Ray,
+    RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Samples, Scene, Stage, Stop, Surface, TransferFunction,
+    Unsupported, View,
+};
+use isobar_cpu::scene::{Isovalues, check_clipped_scene, check_medium, check_open_cuts, check_request, grid};
+use isobar_cpu::{Kernel, Level, PixelSink, Pool, Tile, TileOut, copy_frame, render_tiles};
+use isobar_fields::{Coefficients, Type6Spline};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+pub(crate) static INFO: MethodInfo = MethodInfo {
+    id: "tetspline/cpu",
+    summary: "every root of the cubic C1 spline on tetrahedra, with proofs in f64",
+    paper: "Kalbe, Koch and Goesele, High-quality rendering of varying isosurfaces with cubic trivariate C1-continuous splines, ISVC 2009",
+    data: DataKind::GRID,
+    hits: true,
+    gpu: false,
+    work_unit: "cubes visited",
+    knobs: &[
+        KnobSpec {
+            name: "reconstruction",
+            doc: "the function drawn",
+            kind: KnobKind::Choice(&["type6", "type6-prefiltered"]),
+        },
+        KnobSpec {
+            name: "roots",
+            doc: "certified: all roots with proofs; newton3: the paper's three Newton sequences, which lose some first roots and prove nothing",
+            kind: KnobKind::Choice(&["certified", "newton3"]),
+        },
+        KnobSpec {
+            name: "classify",
+            doc: "tetrahedra by their coefficients, kept; cubes by their 27 data, nothing kept of tetrahedra; or paper: cubes by the determining set as printed, which loses surface and proves nothing",
+            kind: KnobKind::Choice(&["coefficients", "data", "paper"]),
+        },
+        KnobSpec {
+            name: "claims",
+            doc: "prove hits and misses (EXISTS, FIRST, EMPTY) where f64 arithmetic can",
+            kind: KnobKind::Choice(&["on", "off"]),
+        },
+    ],
+    sweep: ("", &[]),
+};
+
+/// Bricks and cubes are taken to meet an isovalue within this much of the greatest |datum - isovalue|; rays whose own bound is larger (eyes more
+/// than some 10^7 voxels away) claim nothing.
+const MARGIN: f64 = 1e-6;
+
+/// The method `tetspline/cpu`.
+#[derive(Debug)]
+pub struct TetsplineCpu;
+
+/// The method `tetspline/cpu`: exact ray casting of the cubic C1 spline on the type-6 partition, on grids of any sample type, with open clipping planes.
+///
+/// All hits in order. Guarantee with `roots=certified` and `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none before it, with EMPTY none at
+/// all; the proof is the bound derived in `ray.rs`. A pixel without them was not decided: the ray touches the surface, or passes an end of the domain or a plateau, within
+/// that bound (about 1e-12 of the range of the data for ordinary views). With clipping planes only EXISTS is claimed.
+pub static TETSPLINE_CPU: TetsplineCpu = TetsplineCpu;
+
+impl Method for TetsplineCpu {
+    fn info(&self) -> &'static MethodInfo {
+        &INFO
+    }
+
+    fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
+        check_clipped_scene(&INFO, scene, request)
+    }
+
+    fn open(&self, request: &Request) -> Result<Box<dyn Renderer>, RenderError> {
+        check_request(&INFO, request)?;
+        Ok(Box::new(Tetspline {
+            pool: Pool::new(request.threads)?,
+            level: Level::detect(),
+            settings: Settings::new(&request.knobs)?,
+            request: request.clone(),
+            grid: None,
+            volume: None,
+            surfaces: None,
+            view: None,
+            prepared: None,
+            frame: None,
+            work: Work::default(),
+        }))
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Settings {
+    prefiltered: bool,
+    finder: Finder,
+    rule: Rule,
+    claims: bool,
+}
+
+impl Settings {
+    fn new(knobs: &Knobs) -> Result<Self, RenderError> {
+        let k = ResolvedKnobs::new(INFO.knobs, knobs)?;
+        Ok(Self {
+            prefiltered: k.word("reconstruction") == "type6-prefiltered",
+            finder: if k.word("roots") == "newton3" {
+                Finder::Newton3
+            } else {
+                Finder::Certified
+            },
+            rule: match k.word("classify") {
+                "data" => Rule::Data,
+                "paper" => Rule::DeterminingSet,
+                _ => Rule::Coefficients,
+            },
+            claims: k.word("claims") == "on",
+        })
+    }
+}
+
+/// Bricks of any type of data.
+#[derive(Debug)]
+enum AnyBricks {
+    U8(Bricks<u8>),
+    I16(Bricks<i16>),
+    U16(Bricks<u16>),
+    F32(Bricks<f32>),
+}
+
+/// Runs `$body` with the typed data and bricks.
+macro_rules! typed {
+    ($volume:expr, $data:ident, $bricks:ident => $body:expr) => {
+        match ($volume.spline.coefficients(), &$volume.bricks) {
+            (Coefficients::Samples(Samples::U8($data)), AnyBricks::U8($bricks)) => {
+                let $data: &[u8] = $data;
+                $body
+            }
+            (Coefficients::Samples(Samples::I16($data)), AnyBricks::I16($bricks)) => {
+                let $data: &[i16] = $data;
+                $body
+            }
+            (Coefficients::Samples(Samples::U16($data)), AnyBricks::U16($bricks)) => {
+                let $data: &[u16] = $data;
+                $body
+            }
+            (Coefficients::Samples(Samples::F32($data)), AnyBricks::F32($bricks)) => {
+                let $data: &[f32] = $data;
+                $body
+            }
+            (Coefficients::F32($data), AnyBricks::F32($bricks)) => $body,
+            _ => unreachable!("bricks are made from the data beside them, and those are never f64"),
+        }
+    };
+}
+
+#[derive(Debug)]
+struct Volume {
+    spline: Type6Spline,
+    bricks: AnyBricks,
+    range: (f64, f64),
+    space: Space,
+}
+
+#[derive(Debug)]
+struct Prepared {
+    bounds: Vec<Bounds>,
+    active: Active,
+}
+
+#[derive(Debug)]
+struct Tetspline {
+    pool: Pool,
+    level: Level,
+    settings: Settings,
+    request: Request,
+    grid: Option<Grid>,
+    volume: Option<Volume>,
+    surfaces: Option<Isovalues>,
+    view: Option<View>,
+    /// Made when data and surfaces are both known.
+    prepared: Option<Prepared>,
+    frame: Option<Frame>,
+    work: Work,
+}
+
+impl Tetspline {
+    fn volume(&self, grid: &Grid, prefiltered: bool) -> Result<Volume, RenderError> {
+        let dims = grid.dims;
+        if dims.iter().any(|&n| n > 1 << 30) {
+            return Err(isobar_core::DataError::Dims(dims).into());
+        }
+        self.pool.install(|| {
+            let spline = if prefiltered {
+                Type6Spline::prefiltered(grid, Stage::Stored)?
+            } else {
+                Type6Spline::new(grid)?
+            };
+            let bricks = match spline.coefficients() {
+                Coefficients::Samples(Samples::U8(s)) => AnyBricks::U8(Bricks::new(s, dims)),
+                Coefficients::Samples(Samples::I16(s)) => AnyBricks::I16(Bricks::new(s, dims)),
+                Coefficients::Samples(Samples::U16(s)) => AnyBricks::U16(Bricks::new(s, dims)),
+                Coefficients::Samples(Samples::F32(s)) => AnyBricks::F32(Bricks::new(s, dims)),
+                Coefficients::F32(s) => AnyBricks::F32(Bricks::new(s, dims)),
+                Coefficients::F64(_) => unreachable!("stored data are f32"),
+            };
+            let mut volume = Volume {
+                space: Space::new(grid.domain()),
+                spline,
+                bricks,
+                range: (0.0, 0.0),
+            };
+            volume.range = typed!(volume, _data, bricks => bricks.whole());
+            Ok(volume)
+        })
+    }
+
+    fn prepare(&mut self) {
+        self.prepared = None;
+        if let (Some(volume), Some(surfaces)) = (&self.volume, &self.surfaces) {
+            let bounds: Vec<_> = surfaces
+                .values()
+                .iter()
+                .map(|&c| Bounds::new(c, MARGIN, volume.range))
+                .collect();
+            let active = self
+                .pool
+                .install(|| typed!(volume, _data, bricks => Active::new(bricks, &bounds, self.settings.rule)));
+            self.prepared = Some(Prepared { bounds, active });
+        }
+    }
+}
+
+impl Renderer for Tetspline {
+    fn set_data(&mut self, data: &Arc<Data>) -> Result<(), RenderError> {
+        let grid = grid(&INFO, data)?;
+        self.volume = Some(self.volume(grid, self.settings.prefiltered)?);
+        self.grid = Some(grid.clone());
+        self.prepare();
+        Ok(())
+    }
+
+    fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {
+        self.surfaces = Some(Isovalues::new(&INFO, surfaces)?);
+        self.prepare();
+        Ok(())
+    }
+
+    fn set_medium(&mut self, medium: Option<&TransferFunction>) -> Result<(), RenderError> {
+        Ok(check_medium(&INFO, medium)?)
+    }
+
+    fn set_view(&mut self, view: &View) -> Result<(), RenderError> {
+        view.validate()?;
+        check_open_cuts(&INFO, view)?;
+        self.view = Some(view.clone());
+        Ok(())
+    }
+
+    fn set_knobs(&mut self, knobs: &Knobs) -> Result<(), RenderError> {
+        let settings = Settings::new(knobs)?;
+        if settings.prefiltered != self.settings.prefiltered
+            && let Some(grid) = &self.grid
+        {
+            self.volume = Some(self.volume(grid, settings.prefiltered)?);
+        }
+        let before = std::mem::replace(&mut self.settings, settings);
+        if (before.prefiltered, before.rule) != (settings.prefiltered, settings.rule) {
+            self.prepare();
+        }
+        Ok(())
+    }
+
+    fn render(&mut self, stop: &Stop) -> Result<RenderTime, RenderError> {
+        let volume = self.volume.as_ref().ok_or(RenderError::NotReady("set_data"))?;
+        let surfaces = self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
+        let view = self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?;
+        let prepared = self.prepared.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
+        let start = Instant::now();
+        let total = SharedWork::default();
+        let frame = self.frame.get_or_insert_with(Frame::default);
+        let settings = self.settings;
+        let result = typed!(volume, data, _bricks => {
+            let search = Search {
+                data,
+                dims: volume.spline.grid().dims,
+                active: &prepared.active,
+                bounds: &prepared.bounds,
+                finder: settings.finder,
+                margin: MARGIN,
+            };
+            render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
+                let tile = DrawTile { search, space: &volume.space, view, surfaces, claims: settings.claims && settings.rule != Rule::DeterminingSet, tile, out };
+                total.add(self.level.run(tile));
+            })
+        });
+        if let Err(e) = result {
+            // A frame drawn in part is none.
+            self.frame = None;
+            return Err(e);
+        }
+        self.work = total.get();
+        Ok(RenderTime {
+            wall: start.elapsed(),
+            device: None,
+        })
+    }
+
+    fn read(&mut self, out: &mut Frame) -> Result<(), RenderError> {
+        copy_frame(self.frame.as_ref().ok_or(RenderError::NotReady("render"))?, out);
+        Ok(())
+    }
+
+    fn reconstruction(&self, stage: Stage) -> Option<Arc<dyn Function>> {
+        let spline = &self.volume.as_ref()?.spline;
+        if self.settings.prefiltered && stage == Stage::Ideal {
+            return Some(Arc::new(Type6Spline::prefiltered(spline.grid(), stage).ok()?));
+        }
+        Some(Arc::new(spline.clone()))
+    }
+
+    fn memory(&self) -> Memory {
+        let bricks = self.volume.as_ref().map_or(0, |v| typed!(v, _data, b => b.bytes()));
+        let active = self.prepared.as_ref().map_or(0, |p| p.active.bytes());
+        Memory {
+            coefficients: self.volume.as_ref().map_or(0, |v| v.spline.own_bytes() as u64),
+            index: (bricks + active) as u64,
+            ..Memory::default()
+        }
+    }
+
+    fn counters(&self) -> Counters {
+        let active = self.prepared.as_ref().map_or(0, |p| p.active.count());
+        Counters(vec![
+            ("nodes", self.work.nodes),
+            ("bricks", self.work.bricks),
+            ("cubes", self.work.cubes),
+            ("active cubes entered", self.work.active),
+            ("tetrahedra", self.work.tets),
+            ("cubics", self.work.cubics),
+            ("active bricks", active as u64),
+        ])
+    }
+}
+
+/// Work of all tiles.
+#[derive(Debug, Default)]
+struct SharedWork([AtomicU64; 6]);
+
+impl SharedWork {
+    fn add(&self, w: Work) {
+        let all = [w.nodes, w.bricks, w.cubes, w.active, w.tets, w.cubics];
+        for (total, n) in self.0.iter().zip(all) {
+            total.fetch_add(n, Ordering::Relaxed);
+        }
+    }
+
+    fn get(&self) -> Work {
+        let [nodes, bricks, cubes, active, tets, cubics] = std::array::from_fn(|i| self.0[i].load(Ordering::Relaxed));
+        Work {
+            nodes,
+            bricks,
+            cubes,
+            active,
+            tets,
+            cubics,
+        }
+    }
+}
+
+/// One tile as a kernel.
+struct DrawTile<'a, 'b, T> {
+    search: Search<'a, T>,
+    space: &'a Space,
+    view: &'a View,
+    surfaces: &'a Isovalues,
+    claims: bool,
+    tile: Tile,
+    out: &'a mut TileOut<'b>,
+}
+
+impl<T: Datum> Kernel for DrawTile<'_, '_, T> {
+    type Output = Work;
+
+    #[inline(always)]
+    fn run(self) -> Work {
+        let Self {
+            mut search,
+            space,
+            view,
+            surfaces,
+            claims,
+            tile,
+            out,
+        } = self;
+        let rays = view.generator();
+        let mut scratch = Scratch::new(surfaces.values().len());
+        let mut work = Work::default();
+        let clipped = !view.clips.is_empty();
+        let provable = claims && search.finder == Finder::Certified;
+        for (x, y) in tile.pixels() {
+            let ray = rays.ray(x, y);
+            let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
+            let mut claim = Claim::empty();
+            if surfaces.values().is_empty() {
+                sink.finish(if provable { Claim::EMPTY } else { claim }, 0);
+                continue;
+            }
+            search.margin = space.margin(ray.origin);
+            let before = work.cubes;
+            let sure = provable && search.margin <= MARGIN;
+            // Where a clipping plane cuts the ray is not known well enough to prove what lies at the cut.
+            let mut certain = sure && !clipped;
+            let complete = certain;
+            match Walk::enter(&ray, space, &view.clips, search.margin) {
+                Entry::Through(walk) => {
+                    certain &= search.roots(walk, &mut scratch, &mut work, |root| {
+                        if sink.hits() == 0 && sure && root.found.error.is_finite() {
+                            claim = if root.found.first && complete {
+                                Claim::EXISTS | Claim::FIRST
+                            } else {
+                                Claim::EXISTS
+                            };
+                        }
+                        sink.push(&hit(&ray, root, surfaces, space, !claim.is_empty()))
+                    });
+                }
+                Entry::Misses { certain: missed } => certain &= missed,
+            }
+            if sink.hits() == 0 && certain {
+                claim = Claim::EMPTY;
+            }
+            sink.finish(claim, (work.cubes - before) as u32);
+        }
+        work
+    }
+}
+
+#[inline(always)]
+fn hit(ray: &Ray, root: &Root, surfaces: &Isovalues, space: &Space, exists: bool) -> Hit {
+    let g = space.world_gradient(root.gradient);
+    Hit {
+        t: root.found.t,
+        point: ray.at(root.found.t),
+        normal: g.normalize_or(DVec3::ZERO).as_vec3().to_array(),
+        surface: surfaces.surface(root.surface),
+        t_error: if exists { root.found.error } else { f64::INFINITY },
+    }
+}

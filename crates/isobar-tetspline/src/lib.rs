@@ -1,0 +1,21 @@
+//! Kalbe, Koch and Goesele, *High-Quality Rendering of Varying Isosurfaces with Cubic Trivariate C1-continuous Splines* (ISVC 2009).
+//!
+//! The spline itself, its masks and its exact tests are in `isobar_fields::type6`; corrections to the paper in maths, section A. Here is how it is drawn:
+//! [`TETSPLINE_CPU`] walks the active cubes along each ray and the tetrahedra of each in the order the ray crosses them, restricts the cubic to the ray by
+//! blossoming, and finds its roots: certified ones, or those of the paper's three-start Newton iteration. [`classify`] has the paper's classification of cubes
+//! and tetrahedra and the conservative one.
+//!
+//! **Architecture invariants.** No other method is imported. Nothing prints.
+
+mod bricks;
+pub mod classify;
+mod cpu;
+mod cube;
+pub mod newton;
+mod ray;
+mod roots;
+#[cfg(test)]
+mod tests;
+mod walk;
+
+pub use cpu::{TETSPLINE_CPU, TetsplineCpu};
