@@ -1,7 +1,7 @@
 //! A polynomial in world coordinates as a [`Function`].
 
 use glam::DVec3;
-use isobar_core::{Algebraic, Domain, Function, Interval, Structure};
+use isobar_core::{Algebraic, DataError, Domain, Function, Interval, Structure};
 
 /// The function of an [`Algebraic`].
 ///
@@ -20,15 +20,15 @@ pub struct AlgebraicFunction {
 const POWERS: usize = 16;
 
 impl AlgebraicFunction {
-    /// The function of `polynomial` on its box. A corner pair in the wrong order is put right.
+    /// The function of `polynomial` on its box.
     ///
-    /// # Panics
-    /// In `value`, `gradient` and `enclosure`, when an exponent exceeds 15, which [`Algebraic`] rules out.
-    #[must_use]
-    pub fn new(polynomial: Algebraic) -> Self {
-        let domain = Domain::world_box(polynomial.lo.min(polynomial.hi), polynomial.lo.max(polynomial.hi));
+    /// # Errors
+    /// As [`Algebraic::check`].
+    pub fn new(polynomial: Algebraic) -> Result<Self, DataError> {
+        polynomial.check()?;
+        let domain = Domain::world_box(polynomial.lo, polynomial.hi);
         let top = [0, 1, 2].map(|a| polynomial.terms.iter().map(|(e, _)| usize::from(e[a])).max().unwrap_or(0));
-        Self { polynomial, domain, top }
+        Ok(Self { polynomial, domain, top })
     }
 
     /// The polynomial.

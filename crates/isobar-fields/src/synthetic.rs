@@ -68,7 +68,7 @@ pub fn analytic(name: &str, params: &BTreeMap<String, f64>) -> Result<Field, Dat
             terms: s.terms().into(),
             lo: DVec3::splat(-half),
             hi: DVec3::splat(half),
-        })),
+        })?),
         None => {
             let formula = match name {
                 "gyroid" => Formula::Gyroid,

@@ -1,8 +1,9 @@
 //! Steinberger 2010: octree ray casting of splines on regular grids.
 //!
-//! M. Steinberger, *Isosurface rendering with spline wavelets and octrees* (thesis, Graz 2010). So far this crate holds the caster
-//! `octree/cpu` of degrees 1, 2 and 3: every root of the spline along a ray, with proofs where f64 arithmetic gives them. What of the thesis
-//! is not here yet is listed in the README.
+//! M. Steinberger, *Isosurface rendering with spline wavelets and octrees* (thesis, Graz 2010). The casters `octree/cpu` and
+//! `octree/gpu` (feature `gpu`) of degrees 1, 2 and 3 find every root of the spline along a ray, on the CPU with proofs where f64 arithmetic
+//! gives them; [`compose`], [`finders`] and [`wavelet`] are the thesis's parts as studied things. What of the thesis is not here is listed
+//! in the README.
 //!
 //! ```
 //! use isobar_core::{Data, Frame, Grid, Method, Request, Samples, Stop, Surface, View};

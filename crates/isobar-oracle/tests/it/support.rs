@@ -163,7 +163,7 @@ pub(crate) fn algebraic(terms: &[([u8; 3], f64)], half: f64) -> Oracle {
         lo: DVec3::splat(-half),
         hi: DVec3::splat(half),
     };
-    Oracle::new(Arc::new(AlgebraicFunction::new(p)), 0.0)
+    Oracle::new(Arc::new(AlgebraicFunction::new(p).unwrap()), 0.0)
 }
 
 /// A synthetic field of the contract with its own isovalue.

@@ -105,6 +105,7 @@ fn header(r: &Report, methods: &[String]) -> String {
          run.</p>\n<p class=\"meta\">{} UTC · {} · revision {} · made by <code>{}</code> in {:.1} minutes</p>\n</header>\n<nav \
          class=\"top\"><a href=\"#summary\">In short</a><a href=\"#curated\">Scenes</a><a href=\"#sweep\">Growth</a><a href=\"#hard\">Hard \
          scenes</a><a href=\"#cases\">Hard cases</a><a href=\"#convergence\">Convergence</a><a href=\"#kernels\">Kernels</a><a \
+         href=\"#steinberger2010\">Steinberger 2010</a><a \
          href=\"#how\">How it was measured</a></nav>\n",
         methods.len(),
         html::count(pixels),
