@@ -156,7 +156,7 @@ pub fn coefficients(d: &[f64; 27]) -> [f64; 20] {
     b
 }
 
-/// Two steps of de Casteljau's rule with the same point: the four b^[2] of which the next step with any second point gives a blossom.
+/// Two steps of de Casteljau's rule with the same point: the four `b^[2]` of which the next step with any second point gives a blossom.
 #[inline(always)]
 #[must_use]
 pub fn two_steps(b: &[f64; 20], p: [f64; 4]) -> [f64; 4] {
@@ -189,7 +189,7 @@ pub fn last_step(l: [f64; 4], p: [f64; 4]) -> f64 {
     (p[0] * l[0] + p[1] * l[1]) + (p[2] * l[2] + p[3] * l[3])
 }
 
-/// Gradient in canonical coordinates from the b^[2] at a point: `3 sum b^[2]_v grad phi_v`.
+/// Gradient in canonical coordinates from the `b^[2]` at a point: `3 sum b^[2]_v grad phi_v`.
 #[inline(always)]
 #[must_use]
 pub fn canonical_gradient(l: [f64; 4]) -> [f64; 3] {

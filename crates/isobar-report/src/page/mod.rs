@@ -142,7 +142,7 @@ fn convergence(all: &[Convergence]) -> Result<String> {
     let mut out = String::from(
         "<h2 id=\"convergence\">Convergence</h2>\n<p>The error of the reconstruction alone, without any renderer: how far the isosurface of the \
          reconstruction lies from that of the field it was sampled from, and how far its normals turn, at seeded points of the exact surface at \
-         least 8 cells from the faces. Dashed: the slope that theory promises, through the last point. More samples do not help a renderer that \
+         least 16 cells from the faces. Dashed: the slope that theory promises, through the last point. More samples do not help a renderer that \
          loses roots; a better renderer does not help a reconstruction that is wrong.</p>\n",
     );
     let mut fields: Vec<&str> = all.iter().map(|c| c.field.as_str()).collect();
@@ -168,7 +168,11 @@ fn convergence(all: &[Convergence]) -> Result<String> {
             .map(|(i, c)| {
                 let swatch = swatch(i);
                 let order = |x: f64, theory: f64| {
-                    let class = if (x - theory).abs() <= 0.1 { "" } else { "bad" };
+                    let class = if crate::convergence::is_met(&c.reconstruction, x, theory) {
+                        ""
+                    } else {
+                        "bad"
+                    };
                     [Cell::with(class, format!("{x:.2}")), Cell::new(format!("{theory}"))]
                 };
                 let [a, b] = order(c.slope, c.theory[0]);
