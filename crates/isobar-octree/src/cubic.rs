@@ -34,6 +34,11 @@ pub(crate) fn sign(b: [f64; 4], bound: f64) -> Option<bool> {
 
 /// Tells `on` what is met on [0, 1], given that each coefficient is off by at most `bound`.
 pub(crate) fn scan(b: [f64; 4], bound: f64, on: &mut dyn FnMut(Event)) {
+    // What is not a number compares with nothing and would be halved for ever.
+    if !b.iter().all(|x| x.is_finite()) || bound.is_nan() {
+        on(Event::Doubt(0.0, 1.0));
+        return;
+    }
     part(b, bound, 0.0, 1.0, DEPTH, on);
 }
 

@@ -36,6 +36,13 @@ pub(crate) type PerRay = [[f64; LANES]; BLOCKS];
 /// A direction component below this is parallel to the plane.
 const PARALLEL: f64 = 1e-100;
 
+/// What the margin of a packet has in reserve for the ends of the domain, in margins: a ray that enters or leaves by a face at less than about a
+/// thirtieth of its speed goes alone.
+const AT_ENDS: f64 = 32.0;
+
+/// A packet's slices are cut across an axis along which each of its rays moves at least this part of its fastest axis.
+const SLOWEST: f64 = 1e-3;
+
 /// Pixel of lane `l` of block `b` in its tile.
 #[inline(always)]
 pub(crate) fn pixel(b: usize, l: usize) -> (usize, usize) {
@@ -268,10 +275,12 @@ impl Packet {
         // The greatest margin of a rectangle of origins is that of a corner.
         let corner = |x: usize, y: usize| space.margin(rays.ray(t.x + x * (t.width - 1), t.y + y * (t.height - 1)).origin);
         let margin = corner(0, 0).max(corner(1, 0)).max(corner(0, 1).max(corner(1, 1))) * (1.0 + 1e-9);
-        if margin > MARGIN || margin.is_nan() {
+        // See `walk::ends`: rays that need more than this at the ends of the domain go alone.
+        let most = AT_ENDS * margin;
+        if margin + most > MARGIN || margin.is_nan() {
             return None;
         }
-        self.margin = margin;
+        self.margin = margin + most;
         self.alive = tile_rays(tile);
         (self.blocks, self.single, self.hit) = (0, [0; BLOCKS], [0; BLOCKS]);
         if tile.out.holds(Channels::WORK) {
@@ -309,6 +318,7 @@ impl Packet {
         for b in 0..BLOCKS {
             let (mut first, mut last) = (zero, S::splat(f64::INFINITY));
             let (mut grown_first, mut grown_last) = (first, last);
+            let (mut shrunk_first, mut shrunk_last, mut fastest) = (first, last, zero);
             for a in 0..3 {
                 let d = S::load(&self.inv[a][b]);
                 let inv = one.div(d);
@@ -316,28 +326,54 @@ impl Packet {
                 inv.store(&mut self.inv[a][b]);
                 shift.store(&mut self.shift[a][b]);
                 d.abs().store(&mut self.speed[a][b]);
-                let grow = margin * if self.down[a] { 1.0 } else { -1.0 };
+                fastest = fastest.max(d.abs());
+                let grow = margin / 6.0 * if self.down[a] { 1.0 } else { -1.0 };
                 let plane = |x: f64| S::splat(x).mul(inv).add(shift);
                 first = first.max(plane(near[a]));
                 last = last.min(plane(far[a]));
                 grown_first = grown_first.max(plane(near[a] + grow));
                 grown_last = grown_last.min(plane(far[a] - grow));
+                shrunk_first = shrunk_first.max(plane(near[a] - grow));
+                shrunk_last = shrunk_last.min(plane(far[a] + grow));
             }
             let outside = first.above(last);
             let surely = grown_first.above(grown_last);
+            let ends = first
+                .sub(grown_first)
+                .max(grown_last.sub(last))
+                .mul(fastest)
+                .mul(S::splat(6.0));
+            let doubtful = shrunk_first.above(shrunk_last) | ends.above(S::splat(most));
             let all = self.alive[b];
-            self.alive[b] = all & !outside;
-            self.single[b] = all & outside & !surely;
+            self.alive[b] = all & !outside & !doubtful;
+            self.single[b] = all & ((outside & !surely) | (!outside & doubtful));
             self.blocks |= u32::from(self.alive[b] != 0) << b;
         }
-        Some(self.frustum::<S>(near, far))
+        let major = self.major::<S>()?;
+        Some(self.frustum::<S>(major, near, far))
+    }
+
+    /// The axis along which the slowest of the rays under way is fastest; `None` where a ray is next to parallel to each axis's slices.
+    #[inline(always)]
+    fn major<S: Lanes>(&self) -> Option<usize> {
+        let mut least = three(|_| S::splat(f64::INFINITY));
+        for b in ones(self.blocks) {
+            let speed = three(|a| S::load(&self.speed[a][b]));
+            let fastest = speed[0].max(speed[1]).max(speed[2]);
+            least = three(|a| least[a].min(speed[a].div(fastest).where_or(self.alive[b], S::splat(f64::INFINITY))));
+        }
+        let slowest = three(|a| {
+            let mut lanes = [0.0; LANES];
+            least[a].store(&mut lanes);
+            lanes.iter().fold(f64::INFINITY, |m, &v| if v < m { v } else { m })
+        });
+        let major = (0..3).fold(0, |m, a| if slowest[a] > slowest[m] { a } else { m });
+        (slowest[major] >= SLOWEST).then_some(major)
     }
 
     /// Bounds the rays that are under way, between the volume's near and far faces of the major axis.
     #[inline(always)]
-    fn frustum<S: Lanes>(&self, near: [f64; 3], far: [f64; 3]) -> Frustum {
-        let speed = three(|a| self.speed[a][BLOCKS / 2][0]);
-        let major = (0..3).fold(0, |m, a| if speed[a] > speed[m] { a } else { m });
+    fn frustum<S: Lanes>(&self, major: usize, near: [f64; 3], far: [f64; 3]) -> Frustum {
         // Rays that begin inside the volume begin at the nearest of their origins.
         let mut start = near[major];
         if self.blocks != 0 {

@@ -89,6 +89,10 @@ impl<T: Sample> Kernel for SingleRays<'_, '_, T> {
             let mut certain = search.margin <= MARGIN;
             match Walk::enter(&ray, space, search.margin) {
                 Entry::Through(walk) => {
+                    certain &= search.margin + walk.ends <= MARGIN;
+                    if certain {
+                        search.margin += walk.ends;
+                    }
                     let sure = certain && search.claims;
                     certain &= search.roots(walk, &mut scratch, &mut work, |root| {
                         if sink.hits() == 0 && sure && root.error.is_finite() {

@@ -68,6 +68,8 @@ pub(crate) struct Space {
     /// Per axis: index units per world unit, an upper bound.
     scale: f64,
     pub(crate) aligned: bool,
+    /// Product of the lengths of the axes over the volume they span: how much the inverse of a skew matrix loses; 1 where they are orthogonal.
+    skew: f64,
     /// World displacement to index space: the reciprocal spacings, or the inverse of the axes.
     pub(crate) to_index: [DVec3; 3],
     /// World bounds.
@@ -92,6 +94,7 @@ impl Space {
                 to_index.iter().map(|c| c.length()).sum()
             },
             aligned,
+            skew: a.x_axis.length() * a.y_axis.length() * a.z_axis.length() / a.determinant().abs(),
             to_index,
             world: domain.world_bounds(),
         }
@@ -114,8 +117,8 @@ impl Space {
         let far = (origin - lo).abs().max((origin - hi).abs()).length();
         let n = self.domain.hi.max_element() + 1.0;
         let world = origin.abs().max_element() + self.domain.origin.abs().max_element() + 2.0 * far;
-        // The inverse of a general matrix loses some more digits.
-        let factor = if self.aligned { 16.0 } else { 128.0 };
+        // The inverse of a general matrix loses some more digits, the more the nearer the axes are to a plane.
+        let factor = if self.aligned { 16.0 } else { 128.0 * self.skew };
         6.0 * (factor * U * world * self.scale + 4.0 * U * n) + 64.0 * U
     }
 
@@ -143,6 +146,32 @@ pub(crate) struct Walk {
     step: [i32; 3],
     t0: f64,
     t1: f64,
+    /// What the margin of this ray grows by, so that a certain sign at t0 and t1 holds for what lies between them and the true ends of the domain;
+    /// +inf where the ray may miss the domain altogether.
+    pub(crate) ends: f64,
+}
+
+/// Components of a direction below this part of the greatest one are taken as 0: their reciprocals would overflow, and over the longest way
+/// through a domain they move a position by nothing that counts.
+const NOTHING: f64 = 1e-100;
+
+/// A direction without components that are next to nothing.
+#[inline(always)]
+pub(crate) fn cleaned(d: [f64; 3]) -> [f64; 3] {
+    let most = d[0].abs().max(d[1].abs()).max(d[2].abs());
+    d.map(|x| if x.abs() < NOTHING * most { 0.0 } else { x })
+}
+
+/// See [`Walk::ends`]. `of(e)`: the parameters at which the ray enters and leaves the domain grown by e; `e` is at least the error of a position.
+/// The ray enters and leaves within the grown and the shrunk domain, and s changes by at most 2M per unit of an axis.
+#[inline(always)]
+pub(crate) fn ends(d: [f64; 3], [t0, t1]: [f64; 2], e: f64, of: impl Fn(f64) -> (f64, f64)) -> f64 {
+    let ((first, last), (late, early)) = (of(e), of(-e));
+    if !(late <= early) {
+        return f64::INFINITY;
+    }
+    let most = d[0].abs().max(d[1].abs()).max(d[2].abs());
+    6.0 * (t0 - first).max(last - t1) * most
 }
 
 impl Walk {
@@ -150,7 +179,7 @@ impl Walk {
     #[inline(always)]
     pub(crate) fn enter(ray: &Ray, space: &Space, margin: f64) -> Entry {
         let o = space.index_vector(ray.origin - space.domain.origin).to_array();
-        let d = space.index_vector(ray.direction).to_array();
+        let d = cleaned(space.index_vector(ray.direction).to_array());
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
         let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
         // The stretch inside the box grown by e on every side.
@@ -184,6 +213,7 @@ impl Walk {
             step: three(|a| if d[a] >= 0.0 { 1 } else { -1 }),
             t0,
             t1,
+            ends: ends(d, [t0, t1], margin / 6.0, inside),
         })
     }
 
@@ -278,7 +308,8 @@ impl<T: Sample> Search<'_, T> {
                 let mut exits = w.exits(brick, 2);
                 loop {
                     let a = nearest(exits);
-                    let te = exits[a].min(w.t1);
+                    // Rounded planes may lie behind where the ray is: it never goes back.
+                    let te = exits[a].min(w.t1).max(t);
                     if word >> bit(brick) & 1 != 0 && !self.brick(way, at, brick, t, te) {
                         return;
                     }
@@ -332,7 +363,7 @@ impl<T: Sample> Search<'_, T> {
         let mut t = t0;
         loop {
             let a = nearest(exits);
-            let te = exits[a].min(t1);
+            let te = exits[a].min(t1).max(t);
             if mask >> bit(cell) & 1 != 0 && !self.cell(way, cell, t, te) {
                 return false;
             }

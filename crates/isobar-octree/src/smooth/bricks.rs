@@ -297,9 +297,10 @@ impl<S: Spline, I: Isa> Kernel for CellHulls<'_, S, I> {
         let mut size = [0.0f32; 8];
         most.store(&mut size);
         let size = size.iter().fold(0.0f32, |m, &v| if v > m || v.is_nan() { v } else { m });
-        out.pad = f64::from(size) * 16.0 * f64::from(f32::EPSILON);
-        if !out.pad.is_finite() {
-            // Minimum and maximum may have dropped what is not a number.
+        // Relative errors, and the absolute one of subnormal numbers.
+        out.pad = 16.0 * (f64::from(size) * f64::from(f32::EPSILON) + f64::from(f32::from_bits(1)));
+        if size.is_nan() || size >= f32::MAX / 8.0 {
+            // Sums may have overflown, and minimum and maximum dropped what is not a number.
             out.least[..].fill(f32::NEG_INFINITY);
         }
         out

@@ -118,7 +118,7 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
                 eye = ray.origin;
                 margin = search.space.margin(eye);
             }
-            let sure = margin <= MARGIN;
+            let mut sure = margin <= MARGIN;
             let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
             let mut claim = Claim::empty();
             let mut certain = true;
@@ -126,13 +126,14 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
                 match Path::enter(&ray, search.space, margin) {
                     Entry::Through(path) => {
                         tracks.fill(Track::default());
+                        sure &= margin + path.ends <= MARGIN;
                         let mut way = Way {
                             tracks: &mut tracks,
                             found: &mut found,
                             work: &mut work,
                             kept: &mut kept,
                             end: f64::NEG_INFINITY,
-                            margin: margin.min(MARGIN),
+                            margin: if sure { margin + path.ends } else { margin.min(MARGIN) },
                             certain: true,
                         };
                         let mut push = |c: &Candidate, first: bool| {
@@ -243,6 +244,8 @@ impl Search<'_> {
                 loop {
                     let exit = s.exit();
                     let te = if exit < w.t1 { exit } else { w.t1 };
+                    // Rounded planes may lie behind where the ray is: it never goes back.
+                    let te = if te > t { te } else { t };
                     if word >> bit(s.at) & 1 != 0 && !self.brick::<S, I>(w, way, [at, bit(s.at) as usize], s.at, t, te, push) {
                         return;
                     }
@@ -316,6 +319,7 @@ impl Search<'_> {
         loop {
             let exit = s.exit();
             let te = if exit < t1 { exit } else { t1 };
+            let te = if te > t { te } else { t };
             way.work.cells += 1;
             if mask >> bit(s.at) & 1 != 0 && !self.cell::<S, I>(w, way, s.at, t, te, push) {
                 return false;
@@ -385,7 +389,13 @@ impl Search<'_> {
                 let v = I::Single16::load(&kept.d[16 * k..]);
                 most = most.larger(v).larger(zero.sub(v));
             }
-            kept.rounding = growth::<S>() * U * (f64::from(most.greatest()) + U * bound.isovalue.abs());
+            let most = f64::from(most.greatest());
+            // Beside relative errors an absolute one, of subnormal numbers. Near the greatest f32 sums may overflow: nothing is told then.
+            kept.rounding = if most < 1e30 {
+                growth::<S>() * (U * (most + U * bound.isovalue.abs()) + f64::from(f32::from_bits(1)))
+            } else {
+                f64::INFINITY
+            };
             (kept.cell, kept.surface) = (segment.cell, surface);
         }
         let (a, b) = (three(|i| segment.a[i] as f32), three(|i| segment.b[i] as f32));

@@ -1,6 +1,7 @@
 //! Coefficients with their border, and the ray in the shifted index space of their cells.
 
 use super::basis::Spline;
+use crate::walk::{cleaned, ends};
 use glam::DVec3;
 use isobar_core::{Domain, Ray};
 use isobar_fields::Border;
@@ -233,6 +234,8 @@ pub(crate) struct Path {
     pub(crate) step: [i32; 3],
     pub(crate) t0: f64,
     pub(crate) t1: f64,
+    /// As in `crate::walk::Walk`.
+    pub(crate) ends: f64,
 }
 
 /// Whether a ray meets the domain.
@@ -252,7 +255,7 @@ impl Path {
     #[inline(always)]
     pub(crate) fn enter(ray: &Ray, space: &Space, margin: f64) -> Entry {
         let o = (space.index_vector(ray.origin - space.origin) + space.shift).to_array();
-        let d = space.index_vector(ray.direction).to_array();
+        let d = cleaned(space.index_vector(ray.direction).to_array());
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
         let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
         // The stretch inside the domain grown by e on every side.
@@ -285,6 +288,7 @@ impl Path {
                 step: three(|a| if d[a] >= 0.0 { 1 } else { -1 }),
                 t0,
                 t1,
+                ends: ends(d, [t0, t1], margin / 6.0, inside),
             });
         }
         let (a, b) = inside(margin);
