@@ -438,7 +438,7 @@ fn a_raised_stop_ends_the_frame() {
 
 #[test]
 fn real_data_agree_with_the_oracle() {
-    // Not "no error": the rulers are wrong by design. But what they get wrong stays below what their docs say, on data with sharp detail.
+    // Not "no error": the rulers are wrong by design, in up to one hit of twenty on data with sharp detail. Methods that prove have none wrong.
     let source = isobar::source::open(
         concat!(env!("CARGO_MANIFEST_DIR"), "/../bench-data/ch2.nii.gz"),
         &isobar_io::Options::default(),
@@ -455,7 +455,12 @@ fn real_data_agree_with_the_oracle() {
         assert_eq!(check.pixels, 96 * 72, "{id}");
         assert!(check.hits > 1000, "{id}: the head fills the view: {}", check.hits);
         let wrong = check.missed + check.false_hits + check.wrong_root + check.wrong_surface;
-        assert!(wrong * 20 < check.hits, "{id}: {wrong} wrong of {}", check.hits);
+        let proves = check.unclaimed < check.pixels / 2;
+        assert!(
+            if proves { wrong == 0 } else { wrong * 20 < check.hits },
+            "{id}: {wrong} wrong of {}",
+            check.hits
+        );
         assert_eq!(check.refuted, 0, "{id}");
     }
 }

@@ -29,6 +29,11 @@ fn files(dir: &Path, out: &mut Vec<PathBuf>) {
 fn sources(extensions: &[&str]) -> Vec<PathBuf> {
     let mut all = Vec::new();
     files(&root(), &mut all);
+    // Of the reports only those kept in the repository.
+    let recorded = root().join("reports/recorded");
+    if recorded.is_dir() {
+        files(&recorded, &mut all);
+    }
     all.retain(|p| p.extension().is_some_and(|e| extensions.iter().any(|x| e == *x)));
     assert!(!all.is_empty());
     all
@@ -37,7 +42,7 @@ fn sources(extensions: &[&str]) -> Vec<PathBuf> {
 #[test]
 fn no_file_names_a_path_of_one_machine() {
     let words = ["/home", "/root", "/wo_rk", "/Us_ers"].map(|w| format!("{}/", w.replace('_', "")));
-    for p in sources(&["rs", "wgsl", "toml", "md", "yml", "sh"]) {
+    for p in sources(&["rs", "wgsl", "toml", "md", "yml", "sh", "css", "html", "csv", "txt"]) {
         if p.ends_with("tidy.rs") {
             continue;
         }
@@ -92,12 +97,22 @@ fn the_oracle_and_the_methods_do_not_see_each_other() {
             "the oracle depends on {forbidden}"
         );
     }
-    for method in ["isobar-baseline", "isobar-cpu", "isobar-gpu", "isobar-fields", "isobar-poly"] {
-        assert!(
-            !text(method).contains(&"isobar-oracle".to_owned()),
-            "{method} depends on the oracle"
-        );
+    // Only the program, the report and the crates above the methods see the oracle; methods see no other method.
+    let above = ["isobar", "isobar-report", "isobar-oracle"];
+    let methods = ["isobar-baseline", "isobar-octree", "isobar-tetspline"];
+    let mut seen = 0;
+    for e in fs::read_dir(root().join("crates")).expect("crates").flatten() {
+        let name = e.file_name().to_string_lossy().into_owned();
+        if above.contains(&name.as_str()) {
+            continue;
+        }
+        let needs = text(&name);
+        for other in ["isobar-oracle"].iter().chain(methods.iter().filter(|m| **m != name)) {
+            assert!(!needs.contains(&(*other).to_owned()), "{name} depends on {other}");
+        }
+        seen += 1;
     }
+    assert!(seen >= 8, "{seen} crates");
     for forbidden in ["rayon", "wgpu", "serde", "isobar-fields"] {
         assert!(
             !text("isobar-core").contains(&forbidden.to_owned()),
@@ -122,7 +137,18 @@ fn shipped_data_are_what_the_manifest_says() {
         total += bytes.len();
         let digest: String = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
         assert_eq!(digest, row["sha256"].as_str().expect("sha256"), "{name}");
+        let licence = row["licence_file"].as_str().expect("licence_file");
+        assert!(dir.join(licence).is_file(), "{name}: {licence} is missing");
         assert!(!row["licence"].as_str().expect("licence").is_empty() && !row["source"].as_str().expect("source").is_empty());
+    }
+    let named = |p: &str| rows.iter().any(|r| r["path"].as_str() == Some(p));
+    for e in fs::read_dir(&dir)
+        .expect("bench-data")
+        .flatten()
+        .filter(|e| e.path().is_file())
+    {
+        let name = e.file_name().to_string_lossy().into_owned();
+        assert!(name == "MANIFEST.toml" || named(&name), "{name} has no row in MANIFEST.toml");
     }
     assert!(total < 25 << 20, "{total} bytes are shipped");
 }

@@ -5,7 +5,7 @@ use crate::run::{cargo, lines, root, target};
 use anyhow::{Result, bail};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Seconds the plain report gives to criterion.
 const BENCH_SECONDS: u64 = 60;
@@ -47,6 +47,7 @@ pub(crate) fn report(args: &[String]) -> Result<bool> {
         bail!("isobar-report did not build; the compiler's reason is above");
     }
     let benched = !has("--no-bench");
+    let began = SystemTime::now();
     if benched && !benches(has("--full"), &with)? {
         eprintln!("xtask: the criterion pass did not finish; the page shows what it left");
     }
@@ -54,7 +55,11 @@ pub(crate) fn report(args: &[String]) -> Result<bool> {
     c.args(&rest)
         .args(["--command", &("cargo xtask report ".to_owned() + &args.join(" "))]);
     if benched {
-        c.arg("--criterion").arg(target().join("criterion"));
+        // Estimates of earlier runs may lie there too.
+        let since = began.duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
+        c.arg("--criterion")
+            .arg(target().join("criterion"))
+            .args(["--criterion-since", &since.to_string()]);
     }
     Ok(c.status()?.success())
 }

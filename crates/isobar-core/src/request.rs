@@ -126,7 +126,8 @@ pub struct KnobSpec {
 pub struct ResolvedKnobs(BTreeMap<&'static str, KnobValue>);
 
 impl ResolvedKnobs {
-    /// Checks `knobs` against what the method has.
+    /// Checks `knobs` against what the method has. `claims=on|off` is common to all methods: one that never claims anything takes it and has
+    /// nothing to change.
     ///
     /// # Errors
     /// [`RenderError::Knob`] for a name the method does not have, or a value outside its range.
@@ -135,7 +136,9 @@ impl ResolvedKnobs {
             name: name.to_owned(),
             reason,
         };
-        if let Some(name) = knobs.0.keys().find(|n| specs.iter().all(|s| s.name != n.as_str())) {
+        let common = |n: &str| n == "claims" && ["on", "off"].contains(&knobs.0[n].to_string().as_str());
+        let unknown = |n: &&String| specs.iter().all(|s| s.name != n.as_str()) && !common(n);
+        if let Some(name) = knobs.0.keys().find(unknown) {
             let names: Vec<_> = specs.iter().map(|s| s.name).collect();
             return Err(bad(
                 name,

@@ -32,14 +32,14 @@ struct Id {
 /// All estimates below `folder`, by name; those older than `since` belong to an earlier run and are left out. Unreadable files too: a bench that
 /// was cut short leaves them.
 #[must_use]
-pub fn read(folder: &Path, since: Option<SystemTime>) -> Vec<Bench> {
+pub fn read(folder: &Path, since: SystemTime) -> Vec<Bench> {
     let mut all = Vec::new();
     collect(folder, since, &mut all, 0);
     all.sort_by(|a, b| a.name.cmp(&b.name));
     all
 }
 
-fn collect(folder: &Path, since: Option<SystemTime>, out: &mut Vec<Bench>, depth: usize) {
+fn collect(folder: &Path, since: SystemTime, out: &mut Vec<Bench>, depth: usize) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
         if !path.is_dir() {
@@ -53,10 +53,9 @@ fn collect(folder: &Path, since: Option<SystemTime>, out: &mut Vec<Bench>, depth
     }
 }
 
-fn estimate(folder: &Path, since: Option<SystemTime>) -> Option<Bench> {
+fn estimate(folder: &Path, since: SystemTime) -> Option<Bench> {
     let path = folder.join("estimates.json");
-    let written = std::fs::metadata(&path).ok()?.modified().ok();
-    if since.zip(written).is_some_and(|(s, w)| w < s) {
+    if std::fs::metadata(&path).ok()?.modified().is_ok_and(|written| written < since) {
         return None;
     }
     let e: Estimates = serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()?;
@@ -92,12 +91,12 @@ mod tests {
         let id = r#"{"group_id":"roots","function_id":"degree 9","full_id":"roots/degree 9","throughput":{"Elements":100}}"#;
         std::fs::write(new.join("benchmark.json"), id).unwrap();
         std::fs::create_dir_all(dir.path().join("cut/new")).unwrap();
-        let all = read(dir.path(), None);
+        let all = read(dir.path(), SystemTime::UNIX_EPOCH);
         assert_eq!(all.len(), 1);
         assert_eq!(
             (all[0].name.as_str(), all[0].median, all[0].elements),
             ("roots/degree 9", 300.0, Some(100))
         );
-        assert!(read(dir.path(), Some(SystemTime::now() + Duration::from_secs(60))).is_empty());
+        assert!(read(dir.path(), SystemTime::now() + Duration::from_secs(60)).is_empty());
     }
 }

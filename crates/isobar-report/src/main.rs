@@ -5,6 +5,7 @@ use clap::{Parser, Subcommand};
 use isobar_report::{data, report};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::{Duration, SystemTime};
 
 /// Measures the definitions and writes the report; lists, verifies and generates data.
 #[derive(Parser)]
@@ -30,6 +31,9 @@ enum Verb {
         /// Folder of criterion's estimates
         #[arg(long)]
         criterion: Option<PathBuf>,
+        /// Seconds since 1970: older estimates belong to another run
+        #[arg(long, default_value_t = 0)]
+        criterion_since: u64,
         /// The command shown in the page
         #[arg(long, default_value = "isobar-report report")]
         command: String,
@@ -61,6 +65,7 @@ fn run(args: Args) -> Result<bool> {
             record,
             only,
             criterion,
+            criterion_since,
             command,
         } => {
             let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |t| root.join(t));
@@ -71,6 +76,7 @@ fn run(args: Args) -> Result<bool> {
                 record,
                 only,
                 criterion,
+                criterion_since: SystemTime::UNIX_EPOCH + Duration::from_secs(criterion_since),
                 command: command.trim().to_owned(),
             })?;
             println!("{}", page.strip_prefix(&root).unwrap_or(&page).display());

@@ -60,10 +60,14 @@ fn failed(method: &str, model: &str, reason: &str) -> Model {
 pub(crate) fn models(job: &Job<'_>, m: &'static dyn Method, reconstruction: &str, rows: &[Row], stop: &Stop) -> Vec<Model> {
     let id = m.info().id;
     let setup = job.setup(m, Job::knobs(m, reconstruction), timed_channels(m.info()));
-    let mut out = start(&setup, id, stop);
+    let (mut out, digests) = start(&setup, id, stop);
     match run::prepare(&setup).and_then(|mut p| p.render(stop).map(|_| p)) {
         // Views first: the isovalues leave other surfaces behind.
         Ok(mut p) => {
+            if let Err(e) = same_images(&mut out, &digests, &mut p, job, stop) {
+                out.retain(|m| m.model != "data");
+                out.push(failed(id, "data", &e.to_string()));
+            }
             for (name, work) in [("view", views as Sequence), ("isovalue", isovalues)] {
                 out.push(work(job, &mut p, id, stop).unwrap_or_else(|e| failed(id, name, &e.to_string())));
             }
@@ -87,8 +91,11 @@ pub(crate) fn models(job: &Job<'_>, m: &'static dyn Method, reconstruction: &str
 type Sequence = fn(&Job<'_>, &mut Prepared, &str, &Stop) -> Result<Model, RenderError>;
 
 /// Opening, and from the data to the first image: three times, fewer where that takes long.
-fn start(setup: &Setup<'_>, id: &str, stop: &Stop) -> Vec<Model> {
+///
+/// Also the digests of the images.
+fn start(setup: &Setup<'_>, id: &str, stop: &Stop) -> (Vec<Model>, Vec<u64>) {
     let (mut open, mut data) = (Times::default(), Times::default());
+    let mut digests = Vec::new();
     let began = Instant::now();
     for i in 0..3 {
         if i > 0 && began.elapsed() > PATIENCE {
@@ -101,16 +108,38 @@ fn start(setup: &Setup<'_>, id: &str, stop: &Stop) -> Vec<Model> {
                 r.set_surfaces(setup.surfaces)?;
                 r.set_view(setup.view)?;
                 r.render(stop).map(|_| ())
-            })
+            })?;
+            let mut frame = Frame::default();
+            r.read(&mut frame)?;
+            digests.push(run::digest(&frame));
+            Ok(())
         })();
         if let Err(e) = once {
-            return vec![failed(id, "open", &e.to_string()), failed(id, "data", &e.to_string())];
+            let reason = e.to_string();
+            return (vec![failed(id, "open", &reason), failed(id, "data", &reason)], digests);
         }
     }
-    vec![
+    let models = vec![
         open.model(id, "open", "nothing drawn".into()),
-        data.model(id, "data", "as the table above".into()),
-    ]
+        data.model(id, "data", String::new()),
+    ];
+    (models, digests)
+}
+
+/// Holds the first images against that of a renderer of its own, and rays of it against the truth.
+fn same_images(out: &mut [Model], digests: &[u64], p: &mut Prepared, job: &Job<'_>, stop: &Stop) -> Result<(), RenderError> {
+    let Some(data) = out.iter_mut().find(|m| m.model == "data" && m.reason.is_none()) else {
+        return Ok(());
+    };
+    let mut frame = Frame::default();
+    p.renderer().read(&mut frame)?;
+    let other = digests.iter().filter(|d| **d != run::digest(&frame)).count();
+    if other > 0 {
+        data.reason = Some(format!("{other} of {} first images differ from a later one", digests.len()));
+        return Ok(());
+    }
+    data.verified = told(&[verify(p, job.surfaces, job.view, stop)?]);
+    Ok(())
 }
 
 /// Other isovalues, near the definition's.

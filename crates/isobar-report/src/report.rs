@@ -15,7 +15,7 @@ use std::time::{Instant, SystemTime};
 const FIELDS: [&str; 2] = ["torus", "tangle"];
 
 /// What a run is asked.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Options {
     /// The repository's root.
     pub root: PathBuf,
@@ -29,6 +29,8 @@ pub struct Options {
     pub only: Vec<String>,
     /// Criterion's folder.
     pub criterion: Option<PathBuf>,
+    /// Older estimates belong to another run.
+    pub criterion_since: SystemTime,
     /// The command as typed.
     pub command: String,
 }
@@ -73,13 +75,15 @@ pub fn run(o: &Options) -> Result<PathBuf> {
     r.benches = o
         .criterion
         .as_deref()
-        .map(|c| benches::read(c, o.full.then_some(kept.since)))
+        .map(|c| benches::read(c, o.criterion_since))
         .unwrap_or_default();
     r.absent = absent(&r.scenes);
     r.machine = machine::describe(&o.root);
     r.revision = machine::revision(&o.root);
     r.date = machine::now();
     r.minutes = (start.elapsed().as_secs_f64() + kept.seconds_before) / 60.0;
+    // From here on the pictures move: a run that is killed now must not be resumed without them.
+    kept.over();
     publish(&r, &settings.stage, &reports)?;
     kept.done();
     if o.record {
@@ -211,7 +215,6 @@ fn key(o: &Options, all: &[Definition]) -> Result<String> {
 /// Results kept between definitions; of one run only, known by its key.
 struct Kept {
     folder: PathBuf,
-    since: SystemTime,
     /// Seconds spent on the results found.
     seconds_before: f64,
 }
@@ -228,9 +231,6 @@ impl Kept {
             std::fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
             isobar::output::write_text(&mark, key)?;
         }
-        let since = std::fs::metadata(&mark)
-            .and_then(|m| m.modified())
-            .unwrap_or(SystemTime::UNIX_EPOCH);
         let files = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path());
         let scenes: Vec<Scene> = files.filter_map(|f| read(&f)).collect();
         if !scenes.is_empty() {
@@ -238,7 +238,6 @@ impl Kept {
         }
         Ok(Self {
             folder: folder.to_path_buf(),
-            since,
             seconds_before: scenes.iter().map(|s| s.seconds).sum(),
         })
     }
@@ -254,10 +253,14 @@ impl Kept {
         Ok(s)
     }
 
-    /// The run is over: the next one measures anew.
-    fn done(&self) {
-        // What cannot be removed now has the wrong key later or is found and used: a stale mark is what must not stay.
+    /// All is measured: the next run measures anew.
+    fn over(&self) {
         let _ = std::fs::remove_file(self.folder.join("key"));
+    }
+
+    /// All is in place.
+    fn done(&self) {
+        self.over();
         let _ = std::fs::remove_dir_all(&self.folder);
     }
 }
@@ -293,7 +296,7 @@ mod tests {
         assert_eq!(again.scene(&d, || bail!("measured twice")).unwrap().title, "first");
         let other = Kept::open(&folder, "other").unwrap();
         assert_eq!(other.scene(&d, || Ok(scene("second"))).unwrap().title, "second");
-        other.done();
+        other.over();
         let fresh = Kept::open(&folder, "other").unwrap();
         assert_eq!(fresh.scene(&d, || Ok(scene("third"))).unwrap().title, "third");
     }

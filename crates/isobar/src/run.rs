@@ -477,6 +477,10 @@ pub fn digest(frame: &Frame) -> u64 {
     let mut h = DefaultHasher::new();
     (frame.width, frame.height, frame.layers, frame.channels.bits()).hash(&mut h);
     bytemuck::cast_slice::<f64, u8>(&frame.t).hash(&mut h);
+    for x in frame.point.iter().flat_map(|p| p.to_array()) {
+        h.write_u64(x.to_bits());
+    }
+    bytemuck::cast_slice::<f64, u8>(&frame.t_error).hash(&mut h);
     bytemuck::cast_slice::<[f32; 3], u8>(&frame.normal).hash(&mut h);
     bytemuck::cast_slice::<[f32; 4], u8>(&frame.rgba).hash(&mut h);
     frame.surface.hash(&mut h);

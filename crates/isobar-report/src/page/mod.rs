@@ -249,7 +249,7 @@ fn method_of_measuring(r: &Report) -> String {
     let mut out = String::from(
         "<h2 id=\"how\">How it was measured</h2>\n<p><b>Truth.</b> For every pixel an oracle that shares no root-finding code with any method \
          isolates the roots of the function each method says it draws: outward-rounded f64 first, double-double next, exact integers last. \
-         Frames are compared pixel by pixel, and every repeated timed frame must equal the checked one bit for bit.</p>\n<p><b>Errors.</b> A hit \
+         Frames are compared pixel by pixel, and every repeated timed frame must equal the checked one bit for bit; of the other time models 64 rays of an image are checked, as their cells say.</p>\n<p><b>Errors.</b> A hit \
          belongs to the nearest certified root of its ray. <i>Missed</i>: there is a root and no hit. <i>False</i>: a hit farther than half \
          a voxel from every root. <i>Wrong root</i>: a hit on a root that is not the first. <i>Undecidable</i>: the oracle finds an \
          extremum so close to the isovalue that the last bit of the f32 data decides; these pixels are counted apart. Errors of right hits are in \
