@@ -1,4 +1,5 @@
-//! Frames of the CPU rulers on one thread: gyroid 128^3, isovalue 0.2, bench view at 512x384, T + NORMAL + SURFACE + RGBA.
+//! Frames of the CPU rulers on one thread: gyroid 128^3, isovalue 0.2, bench view at 512x384, T + NORMAL + SURFACE + RGBA; and
+//! `march-256/step-0.5`, the gyroid at 256^3 and 1024x768.
 //!
 //! `march/RECONSTRUCTION/step-S` by step, `march-level/RECONSTRUCTION/LEVEL` by instruction set, `mc/build` and `mc/frame` for the mesh. Before
 //! anything is timed, all instruction sets are checked to give the same frame.
@@ -13,17 +14,17 @@ use std::time::Duration;
 
 const N: usize = 128;
 
-fn gyroid() -> Arc<Data> {
-    let spacing = 2.0 / (N - 1) as f64;
+fn gyroid(n: usize) -> Arc<Data> {
+    let spacing = 2.0 / (n - 1) as f64;
     let at = |i: usize| 6.0 * (i as f64 * spacing - 1.0);
-    let samples: Arc<[f32]> = (0..N * N * N)
+    let samples: Arc<[f32]> = (0..n * n * n)
         .map(|i| {
-            let (x, y, z) = (at(i % N), at(i / N % N), at(i / N / N));
+            let (x, y, z) = (at(i % n), at(i / n % n), at(i / n / n));
             (x.sin() * y.cos() + y.sin() * z.cos() + z.sin() * x.cos()) as f32
         })
         .collect();
     let grid = Grid::new(
-        [N; 3],
+        [n; 3],
         DVec3::splat(spacing),
         DVec3::NEG_ONE,
         DMat3::IDENTITY,
@@ -53,7 +54,7 @@ fn frame(r: &mut dyn Renderer) -> Frame {
 }
 
 fn march(c: &mut Criterion) {
-    let data = gyroid();
+    let data = gyroid(N);
     for reconstruction in ["trilinear", "quadratic", "cubic"] {
         let mut group = c.benchmark_group(format!("march/{reconstruction}"));
         for step in ["2", "0.5", "0.125"] {
@@ -87,8 +88,16 @@ fn march(c: &mut Criterion) {
     }
 }
 
+fn large(c: &mut Criterion) {
+    let mut r = renderer(&MARCH_CPU, &gyroid(256), Knobs::default());
+    r.set_view(&View::bench(1024, 768)).expect("a view");
+    let mut group = c.benchmark_group("march-256");
+    group.bench_function("step-0.5", |b| b.iter(|| r.render(black_box(&Stop::default()))));
+    group.finish();
+}
+
 fn mc(c: &mut Criterion) {
-    let data = gyroid();
+    let data = gyroid(N);
     let mut group = c.benchmark_group("mc");
     let mut r = renderer(&MC_CPU, &data, Knobs::default());
     assert!(
@@ -110,6 +119,6 @@ fn mc(c: &mut Criterion) {
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(2));
-    targets = march, mc
+    targets = march, large, mc
 }
 criterion_main!(benches);

@@ -167,7 +167,9 @@ pub(crate) fn cleaned(d: [f64; 3]) -> [f64; 3] {
 #[inline(always)]
 pub(crate) fn ends(d: [f64; 3], [t0, t1]: [f64; 2], e: f64, of: impl Fn(f64) -> (f64, f64)) -> f64 {
     let ((first, last), (late, early)) = (of(e), of(-e));
-    if !(late <= early) {
+    // What is not a number meets nothing.
+    let met = late <= early;
+    if !met {
         return f64::INFINITY;
     }
     let most = d[0].abs().max(d[1].abs()).max(d[2].abs());

@@ -413,7 +413,7 @@ fn what_it_cannot_do_is_said() {
         ("step", "0.01"),
         ("bisections", "61"),
         ("reconstruction", "type6"),
-        ("claims", "on"),
+        ("claims", "cpu"),
         ("block", "5"),
     ] {
         assert!(
@@ -421,6 +421,8 @@ fn what_it_cannot_do_is_said() {
             "{k}={v}"
         );
     }
+    // Common to all methods, and nothing to it here.
+    assert!(r.set_knobs(&knobs().with("claims", "off")).is_ok());
 }
 
 #[test]
