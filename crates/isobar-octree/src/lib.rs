@@ -35,6 +35,8 @@ mod packet_cells;
 mod packet_finish;
 mod packet_lanes;
 mod packet_view;
+#[cfg(test)]
+mod proofs;
 mod smooth;
 #[cfg(test)]
 mod tests;
