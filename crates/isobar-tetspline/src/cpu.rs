@@ -410,11 +410,18 @@ impl<T: Datum> Kernel for DrawTile<'_, '_, T> {
             }
             search.margin = space.margin(ray.origin);
             let before = work.cubes;
-            let sure = provable && search.margin <= MARGIN;
+            let entry = Walk::enter(&ray, space, &view.clips, search.margin);
+            let mut sure = provable && search.margin <= MARGIN;
+            if let Entry::Through(walk) = &entry {
+                sure &= search.margin + walk.ends <= MARGIN;
+                if sure {
+                    search.margin += walk.ends;
+                }
+            }
             // Where a clipping plane cuts the ray is not known well enough to prove what lies at the cut.
             let mut certain = sure && !clipped;
             let complete = certain;
-            match Walk::enter(&ray, space, &view.clips, search.margin) {
+            match entry {
                 Entry::Through(walk) => {
                     certain &= search.roots(walk, &mut scratch, &mut work, |root| {
                         if sink.hits() == 0 && sure && root.found.error.is_finite() {

@@ -12,6 +12,8 @@ pub mod classify;
 mod cpu;
 mod cube;
 pub mod newton;
+#[cfg(test)]
+mod proofs;
 mod ray;
 mod roots;
 #[cfg(test)]

@@ -61,6 +61,8 @@ pub(crate) struct Space {
     /// Index units per world unit, an upper bound.
     scale: f64,
     aligned: bool,
+    /// Product of the lengths of the axes over the volume they span: how much the inverse of a skew matrix loses.
+    skew: f64,
     /// World displacement to index space: the reciprocal spacings, or the inverse of the axes.
     to_index: [DVec3; 3],
     /// World bounds.
@@ -85,6 +87,7 @@ impl Space {
                 to_index.iter().map(|c| c.length()).sum()
             },
             aligned,
+            skew: a.x_axis.length() * a.y_axis.length() * a.z_axis.length() / a.determinant().abs(),
             to_index,
             world: domain.world_bounds(),
         }
@@ -107,8 +110,8 @@ impl Space {
         let far = (origin - lo).abs().max((origin - hi).abs()).length();
         let n = self.domain.hi.max_element() + 1.0;
         let world = origin.abs().max_element() + self.domain.origin.abs().max_element() + 2.0 * far;
-        // The inverse of a general matrix loses some more digits.
-        let factor = if self.aligned { 24.0 } else { 192.0 };
+        // The inverse of a general matrix loses some more digits, the more the nearer the axes are to a plane.
+        let factor = if self.aligned { 24.0 } else { 192.0 * self.skew };
         32.0 * (factor * U * world * self.scale + 4.0 * U * n) + 64.0 * U
     }
 
@@ -150,7 +153,13 @@ pub(crate) struct Walk {
     pub(crate) step: [i32; 3],
     pub(crate) t0: f64,
     pub(crate) t1: f64,
+    /// What the margin grows by, so that a certain sign at t0 and t1 holds up to the true ends of the domain, which lie between those of the
+    /// domain shrunk and grown by the error of a position; +inf where the ray may miss the domain.
+    pub(crate) ends: f64,
 }
+
+/// Components of a direction below this part of the greatest are taken as 0: their reciprocals would overflow, and they move no position.
+const NOTHING: f64 = 1e-100;
 
 /// Whether a ray meets the box.
 #[expect(
@@ -174,6 +183,8 @@ impl Walk {
     pub(crate) fn enter(ray: &Ray, space: &Space, clips: &[ClipPlane], margin: f64) -> Entry {
         let o = space.index_vector(ray.origin - space.domain.origin).to_array();
         let d = space.index_vector(ray.direction).to_array();
+        let most = d[0].abs().max(d[1].abs()).max(d[2].abs());
+        let d = d.map(|x| if x.abs() < NOTHING * most { 0.0 } else { x });
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
         let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
         let mut form_inv = [0.0; 6];
@@ -221,7 +232,15 @@ impl Walk {
                 certain: a > b && clips.is_empty(),
             };
         }
+        // The margin holds 32 times the error of a position, which is also what s may change by over as long a way.
+        let ((first, last), (late, early)) = (inside(margin / 32.0), inside(-margin / 32.0));
+        let met = late <= early;
         Entry::Through(Self {
+            ends: if met {
+                32.0 * (t0 - first).max(last - t1) * most
+            } else {
+                f64::INFINITY
+            },
             o,
             d,
             inv,

@@ -135,7 +135,8 @@ impl<T: Datum> Search<'_, T> {
                 let mut exits = w.exits(brick, 2);
                 loop {
                     let a = nearest(exits);
-                    let te = exits[a].min(w.t1);
+                    // Rounded planes may lie behind where the ray is: it never goes back.
+                    let te = exits[a].min(w.t1).max(t);
                     if word >> bit(brick) & 1 != 0 && !self.brick(way, at, brick, t, te) {
                         return false;
                     }
@@ -188,7 +189,7 @@ impl<T: Datum> Search<'_, T> {
         let mut t = t0;
         loop {
             let a = nearest(exits);
-            let te = exits[a].min(t1);
+            let te = exits[a].min(t1).max(t);
             way.work.cubes += 1;
             let b = bit(cube);
             if mask >> b & 1 != 0 {
