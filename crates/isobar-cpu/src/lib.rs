@@ -9,11 +9,13 @@
 
 mod blend;
 mod level;
+mod memory;
 mod pool;
 pub mod scene;
 mod tiles;
 
 pub use blend::{Blend, PixelSink, is_visible};
 pub use level::{Kernel, Level};
+pub use memory::{available_bytes, require_memory};
 pub use pool::Pool;
 pub use tiles::{TILE, Tile, TileOut, copy_frame, render_tiles};

@@ -112,7 +112,22 @@ fn list(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
 pub(crate) fn choose(instance: &wgpu::Instance, wanted: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
     let mut all = list(instance);
     let reports: Vec<_> = all.iter().map(AdapterReport::of).collect();
+    if reports.is_empty() && let Some(why) = absent_driver(|v| std::env::var_os(v)) {
+        return Err(GpuError::NoAdapter(why));
+    }
     pick(&reports, wanted).map(|i| all.swap_remove(i))
+}
+
+/// Why there may be none although a driver is installed: the Vulkan loader looks only at the files these variables name.
+fn absent_driver(variable: impl Fn(&str) -> Option<std::ffi::OsString>) -> Option<String> {
+    ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].into_iter().find_map(|name| {
+        let list = variable(name)?;
+        let missing = std::env::split_paths(&list).find(|p| !p.is_file())?;
+        Some(format!(
+            "was found: {name} names {}, which is no file; unset the variable or name a driver's .json",
+            one_line(&missing.display().to_string())
+        ))
+    })
 }
 
 /// Which of `reports` (best first) is taken.
@@ -140,6 +155,15 @@ fn pick(reports: &[AdapterReport], wanted: Option<&str>) -> Result<usize, GpuErr
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_variable_that_names_no_driver_is_said() {
+        let why = absent_driver(|v| (v == "VK_ICD_FILENAMES").then(|| "/nonexistent.json".into()));
+        assert!(why.is_some_and(|w| w.contains("VK_ICD_FILENAMES names /nonexistent.json")));
+        assert_eq!(absent_driver(|_| None), None);
+        let here = std::env::current_exe().unwrap();
+        assert_eq!(absent_driver(|_| Some(here.clone().into())), None);
+    }
 
     fn report(name: &str, device_type: &'static str) -> AdapterReport {
         AdapterReport {

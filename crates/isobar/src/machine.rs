@@ -1,4 +1,4 @@
-//! What the operating system says: processor time, peak and free memory, the name of the processor.
+//! What the operating system says: processor time, peak memory, the name of the processor.
 
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
@@ -16,20 +16,6 @@ pub fn cpu_time() -> Duration {
 #[must_use]
 pub fn peak_bytes() -> Option<u64> {
     kibibytes("/proc/self/status", "VmHWM:")
-}
-
-/// Memory that could still be had, bytes: the least of what the system reports as available and what is left of the process group's
-/// limit; `None` where the system does not say.
-#[must_use]
-pub fn available_bytes() -> Option<u64> {
-    let number = |path: &str| read_to_string(path).ok()?.trim().parse::<u64>().ok();
-    let group =
-        number("/sys/fs/cgroup/memory.max").and_then(|max| Some(max.saturating_sub(number("/sys/fs/cgroup/memory.current")?)));
-    let system = kibibytes("/proc/meminfo", "MemAvailable:");
-    match (system, group) {
-        (Some(a), Some(b)) => Some(a.min(b)),
-        (a, b) => a.or(b),
-    }
 }
 
 fn kibibytes(path: &str, key: &str) -> Option<u64> {
@@ -99,7 +85,6 @@ mod tests {
         if cfg!(target_os = "linux") {
             let block = black_box(vec![1u8; 8 << 20]);
             assert!(peak_bytes().unwrap() > block.len() as u64);
-            assert!(available_bytes().unwrap() > 1 << 20);
         }
     }
 }

@@ -234,20 +234,15 @@ pub fn frame_bytes(view: &View, request: &Request) -> u64 {
 }
 
 fn check_memory(view: &View, request: &Request) -> Result<(), RenderError> {
-    let bytes = frame_bytes(view, request).saturating_mul(2);
-    match machine::available_bytes() {
-        Some(limit) if bytes > limit => Err(RenderError::Memory {
-            what: format!(
-                "a frame of {}x{} with {} layers",
-                view.width,
-                view.height,
-                request.layers.max(1)
-            ),
-            bytes,
-            limit,
-        }),
-        _ => Ok(()),
-    }
+    let what = || {
+        format!(
+            "a frame of {}x{} with {} layers",
+            view.width,
+            view.height,
+            request.layers.max(1)
+        )
+    };
+    isobar_cpu::require_memory(what, frame_bytes(view, request).saturating_mul(2))
 }
 
 impl Prepared {
@@ -578,7 +573,7 @@ mod tests {
         let mut s = setup(&data, &surfaces, &view, Knobs::default());
         s.request.layers = 65_535;
         assert_eq!(frame_bytes(&view, &s.request), (1 << 28) * (65_535 * 21 + 16));
-        if machine::available_bytes().is_some() {
+        if isobar_cpu::available_bytes().is_some() {
             assert!(matches!(prepare(&s), Err(RenderError::Memory { .. })));
         }
     }

@@ -16,9 +16,9 @@ pub const NAMES: [&str; 8] = ["default", "bench", "+x", "-x", "+y", "-y", "+z", 
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "View")]
 pub struct ViewFlags {
-    /// Image size in pixels
-    #[arg(long, value_name = "WxH", default_value = DEFAULT_SIZE)]
-    pub size: String,
+    /// Image size in pixels [default: 1024x768; of the views of check --rays 32x24]
+    #[arg(long, value_name = "WxH", allow_hyphen_values = true)]
+    pub size: Option<String>,
     /// A named view: default (fits the data), bench, or from a side: +x -x +y -y +z -z
     #[arg(long, value_name = "NAME", allow_hyphen_values = true, conflicts_with_all = ["eye", "target", "up"])]
     pub view: Option<String>,
@@ -53,7 +53,7 @@ pub struct ViewFlags {
 impl Default for ViewFlags {
     fn default() -> Self {
         Self {
-            size: DEFAULT_SIZE.into(),
+            size: None,
             view: None,
             eye: None,
             target: None,
@@ -85,12 +85,12 @@ impl ViewFlags {
         }
     }
 
-    /// The image size: `WxH`.
+    /// The image size, width and height.
     ///
     /// # Errors
-    /// When it is not two whole numbers above 0.
+    /// When `--size` is not two whole numbers above 0.
     pub fn pixels(&self) -> Result<(usize, usize)> {
-        parse_size(&self.size)
+        parse_size(self.size.as_deref().unwrap_or(DEFAULT_SIZE))
     }
 
     /// Checks everything that does not need the data.
@@ -321,9 +321,9 @@ mod tests {
     fn unusable_flags_name_themselves() {
         type Change = fn(&mut ViewFlags);
         let cases: [(&str, Change); 9] = [
-            ("--size", |f| f.size = "0x10".into()),
-            ("--size", |f| f.size = "10".into()),
-            ("--size", |f| f.size = "-1x5".into()),
+            ("--size", |f| f.size = Some("0x10".into())),
+            ("--size", |f| f.size = Some("10".into())),
+            ("--size", |f| f.size = Some("-1x5".into())),
             ("--fov", |f| f.fov = Some("180".into())),
             ("--fov", |f| f.fov = Some("nan".into())),
             ("--ortho", |f| f.ortho = Some("0".into())),

@@ -343,6 +343,11 @@ fn check_draws_random_rays_by_seed() {
     assert_eq!(a, b);
     assert_ne!(a, c);
     assert!(a["pixels"].as_u64().expect("pixels") >= 1500 && a["hits"].as_u64().expect("hits") > 0);
+    // Whole rows of views of the size asked for: 1500 rays are 10 views of 12 x 12 and one of 12 x 5.
+    p.good(&format!(
+        "check {SPHERE} --method march/cpu --isovalue 1 --rays 1500 --size 12x12 --json d.json"
+    ));
+    assert_eq!(json(&p.path("d.json"))["pixels"].as_u64(), Some(10 * 144 + 5 * 12));
 }
 
 #[test]

@@ -7,6 +7,8 @@
 use super::join::Forest;
 use super::mesh::{Block, TooLarge, Vertex};
 use crate::index_space::IndexRay;
+use isobar_core::RenderError;
+use isobar_cpu::require_memory;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::{CwBvh, builder::build_cwbvh, node::CwBvhNode};
@@ -83,6 +85,36 @@ impl Tree {
     }
 }
 
+/// Bytes that a list asks for when `more` entries are added: it doubles, and the old list is held until the new one is filled.
+pub(super) fn growth<T>(list: &Vec<T>, more: usize) -> usize {
+    let needed = list.len() + more;
+    if needed <= list.capacity() {
+        return 0;
+    }
+    needed.max(2 * list.capacity()) * size_of::<T>()
+}
+
+/// Why there is no mesh.
+#[derive(Debug)]
+pub(crate) enum NoMesh {
+    /// It cannot be numbered.
+    TooLarge,
+    /// It cannot be held: [`RenderError::Memory`].
+    Memory(RenderError),
+}
+
+impl From<TooLarge> for NoMesh {
+    fn from(_: TooLarge) -> Self {
+        Self::TooLarge
+    }
+}
+
+impl From<RenderError> for NoMesh {
+    fn from(e: RenderError) -> Self {
+        Self::Memory(e)
+    }
+}
+
 /// A scene under construction: blocks are added one by one and let go.
 #[derive(Debug)]
 pub(crate) struct Builder {
@@ -110,11 +142,18 @@ impl Builder {
     /// Adds a block.
     ///
     /// # Errors
-    /// [`TooLarge`] beyond 2^32 - 1 triangles or vertices.
-    pub(crate) fn add(&mut self, tree: &Tree) -> Result<(), TooLarge> {
+    /// [`NoMesh::TooLarge`] beyond 2^32 - 1 triangles or vertices, [`NoMesh::Memory`] where a list cannot grow.
+    pub(crate) fn add(&mut self, tree: &Tree) -> Result<(), NoMesh> {
         let s = &mut self.scene;
         let number = |n: usize| u32::try_from(n).map_err(|_| TooLarge);
         let (block, first) = (&tree.block, number(s.triangles.len())?);
+        let grown = growth(&s.vertices, block.vertices.len())
+            + growth(&s.triangles, block.triangles.len())
+            + self.forest.growth(tree.nodes.len());
+        // Small lists are not worth the question.
+        if grown > 1 << 20 {
+            require_memory(|| format!("a mesh of more than {first} triangles"), grown as u64)?;
+        }
         number(s.triangles.len() + block.triangles.len())?;
         s.blocks.push(Place {
             origin: block.origin,

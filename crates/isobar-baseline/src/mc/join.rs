@@ -26,6 +26,11 @@ impl Forest {
         }
     }
 
+    /// Bytes that adding `more` nodes asks for.
+    pub(super) fn growth(&self, more: usize) -> usize {
+        super::cast::growth(&self.nodes, more)
+    }
+
     /// Adds the hierarchy of a block whose primitives are numbered from `first` on.
     pub(super) fn add(&mut self, nodes: &[CwBvhNode], first: u32) {
         let base = self.nodes.len() as u32;

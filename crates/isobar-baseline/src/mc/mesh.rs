@@ -129,15 +129,15 @@ pub(crate) const MOST_POINTS: usize = 1 << 16;
 ///
 /// # Errors
 /// [`TooLarge`] beyond [`MOST_POINTS`] lattice points along an axis, and what `take` returns.
-pub(crate) fn blocks<T: Sample, B: Send>(
+pub(crate) fn blocks<T: Sample, B: Send, E: From<TooLarge>>(
     lattice: &Lattice<'_, T>,
     c: f64,
     isovalue: u16,
     finish: impl Fn(Block) -> B + Sync,
-    mut take: impl FnMut(B) -> Result<(), TooLarge>,
-) -> Result<(), TooLarge> {
+    mut take: impl FnMut(B) -> Result<(), E>,
+) -> Result<(), E> {
     if lattice.dims.iter().any(|&n| n > MOST_POINTS) {
-        return Err(TooLarge);
+        return Err(TooLarge.into());
     }
     let slabs: Vec<usize> = (0..lattice.dims[2] - 1).step_by(SLAB).collect();
     for some in slabs.chunks(rayon::current_num_threads()) {
@@ -456,7 +456,7 @@ mod tests {
             let mut all = Vec::new();
             let add = |b| {
                 all.push(b);
-                Ok(())
+                Ok::<(), TooLarge>(())
             };
             blocks(lattice, c, 3, |b| b, add).unwrap();
             for b in all {
@@ -582,7 +582,7 @@ mod tests {
             let mut n = 0;
             let add = |_| {
                 n += 1;
-                Ok(())
+                Ok::<(), TooLarge>(())
             };
             blocks(&lattice, 0.0, 3, |b| b, add).unwrap();
             assert_eq!(n, count);

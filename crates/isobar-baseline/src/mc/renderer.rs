@@ -1,7 +1,7 @@
 //! The renderer: grid, mesh and hierarchy, and the tiles.
 
 use super::INFO;
-use super::cast::{Builder, Part, Scene, Space, Tree, TriangleHit};
+use super::cast::{Builder, NoMesh, Part, Scene, Space, Tree, TriangleHit};
 use super::mesh::{self, Lattice};
 use crate::given::Given;
 use crate::index_space::{IndexRay, ToIndex};
@@ -108,13 +108,16 @@ fn extract<T: Sample>(samples: &[T], grid: &Grid, surfaces: &Isovalues, subdivid
     let mut builder = Builder::new(space);
     for (i, c) in (0..).zip(surfaces.values()) {
         let add = |t: Option<Tree>| t.map_or(Ok(()), |t| builder.add(&t));
-        mesh::blocks(&lattice, *c, i, |block| Tree::new(block, space), add).map_err(|_| Unsupported::Feature {
-            method: INFO.id,
-            what: format!(
-                "{:?} samples subdivided by {subdivide}; {} points along an axis and 2^32 triangles are the most",
-                grid.dims,
-                mesh::MOST_POINTS
-            ),
+        mesh::blocks(&lattice, *c, i, |block| Tree::new(block, space), add).map_err(|e| match e {
+            NoMesh::Memory(e) => e,
+            NoMesh::TooLarge => RenderError::Unsupported(Unsupported::Feature {
+                method: INFO.id,
+                what: format!(
+                    "{:?} samples subdivided by {subdivide}; {} points along an axis and 2^32 triangles are the most",
+                    grid.dims,
+                    mesh::MOST_POINTS
+                ),
+            }),
         })?;
     }
     Ok(builder.finish())

@@ -1,6 +1,6 @@
 //! EXR: R G B A (linear, premultiplied), Z (t, +inf where nothing is hit), N.X N.Y N.Z.
 
-use super::atomically;
+use super::{Staged, stage};
 use anyhow::{Result, anyhow};
 use exr::meta::attribute::LineOrder;
 use exr::prelude::{Compression, Encoding, Image, Layer, LayerAttributes, SpecificChannels, WritableImage};
@@ -12,7 +12,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// When the file cannot be written; then none is left.
-pub fn write_exr(path: &Path, frame: &Frame) -> Result<()> {
+pub fn stage_exr(path: &Path, frame: &Frame) -> Result<Staged> {
     let pixel = |p: exr::math::Vec2<usize>| {
         let i = p.y() * frame.width + p.x();
         let [r, g, b, a] = frame.rgba.get(i).copied().unwrap_or_default();
@@ -40,7 +40,7 @@ pub fn write_exr(path: &Path, frame: &Frame) -> Result<()> {
         ..LayerAttributes::default()
     };
     let image = Image::from_layer(Layer::new((frame.width, frame.height), attributes, encoding, channels));
-    atomically(path, |w| {
+    stage(path, |w| {
         image
             .write()
             .to_buffered(w)

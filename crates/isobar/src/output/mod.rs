@@ -1,16 +1,17 @@
 //! Files written whole or not at all: PNG, EXR and npz of a frame, pictures of errors and work.
 //!
-//! Every file is made under a temporary name in its own folder and renamed when complete; on failure nothing is left.
+//! Every file is made under a temporary name in its own folder and renamed when complete; on failure nothing is left. The files of one
+//! answer are renamed when all of them are complete.
 
 mod exr_file;
 mod npz;
 mod picture;
 
-pub use exr_file::write_exr;
-pub use npz::write_npz;
+pub use exr_file::stage_exr;
+pub use npz::stage_npz;
 pub use picture::{
     ClassColour, Picture, colour_bar, encode_png, error_picture, frame_picture, heat_colour, heat_picture, log_position,
-    work_picture, write_picture,
+    stage_picture, work_picture, write_picture,
 };
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
@@ -18,6 +19,7 @@ use isobar_core::{Channels, Frame};
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
 
 /// Formats of an image, by extension.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,11 +73,12 @@ impl Format {
         }
     }
 
-    /// Writes a frame. `layered`: `--layers` was given, so the npz arrays that have layers get a leading axis, even with one layer.
+    /// Writes a frame under a temporary name. `layered`: `--layers` was given, so the npz arrays that have layers get a leading axis,
+    /// even with one layer.
     ///
     /// # Errors
     /// When a channel is missing or the file cannot be written; then no file is left.
-    pub fn write(self, path: &Path, frame: &Frame, layered: bool) -> Result<()> {
+    pub fn stage(self, path: &Path, frame: &Frame, layered: bool) -> Result<Staged> {
         ensure!(
             frame.channels.contains(self.channels()),
             "-o {}: the frame lacks {:?}",
@@ -83,9 +86,9 @@ impl Format {
             self.channels() - frame.channels
         );
         match self {
-            Self::Png => write_picture(path, &frame_picture(frame)),
-            Self::Exr => write_exr(path, frame),
-            Self::Npz => write_npz(path, frame, layered),
+            Self::Png => stage_picture(path, &frame_picture(frame)),
+            Self::Exr => stage_exr(path, frame),
+            Self::Npz => stage_npz(path, frame, layered),
         }
     }
 }
@@ -135,12 +138,19 @@ pub fn probe_folder(flag: &str, path: &Path, folder: &Path) -> Result<()> {
         })
 }
 
-/// Writes a file under a temporary name in its folder and renames it when `fill` succeeded; else nothing is left and a former file of
-/// this name is unchanged.
+/// A file that is complete, but still under a temporary name in its folder: [`publish`] gives it its own. Dropped before, nothing is left of it.
+#[derive(Debug)]
+#[must_use = "the file is removed unless it is published"]
+pub struct Staged {
+    path: PathBuf,
+    temporary: NamedTempFile,
+}
+
+/// Writes a file under a temporary name in its folder.
 ///
 /// # Errors
-/// What `fill` or the file system says, with the path.
-pub fn atomically(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<()> {
+/// What `fill` or the file system says, with the path; nothing is left then.
+pub fn stage(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<Staged> {
     let what = || format!("{}: could not be written", path.display());
     let _whole = crate::interrupt::writing()?;
     let mut builder = tempfile::Builder::new();
@@ -156,8 +166,35 @@ pub fn atomically(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Resul
     fill(&mut writer).with_context(what)?;
     writer.flush().with_context(what)?;
     drop(writer);
-    temporary.persist(path).map_err(|e| anyhow!(e.error)).with_context(what)?;
+    Ok(Staged {
+        path: path.to_owned(),
+        temporary,
+    })
+}
+
+/// Gives complete files their names, in order; former files of these names are replaced.
+///
+/// # Errors
+/// When a name cannot be given, with the path; the files after it are not published.
+pub fn publish(files: impl IntoIterator<Item = Staged>) -> Result<()> {
+    let _whole = crate::interrupt::writing()?;
+    for f in files {
+        f.temporary
+            .persist(&f.path)
+            .map_err(|e| anyhow!(e.error))
+            .with_context(|| format!("{}: could not be written", f.path.display()))?;
+    }
     Ok(())
+}
+
+/// Writes a file under a temporary name in its folder and renames it when `fill` succeeded; else nothing is left and a former file of
+/// this name is unchanged.
+///
+/// # Errors
+/// What `fill` or the file system says, with the path.
+pub fn atomically(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<()> {
+    let _whole = crate::interrupt::writing()?;
+    publish([stage(path, fill)?])
 }
 
 /// Writes a text file by [`atomically`].
@@ -165,7 +202,15 @@ pub fn atomically(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Resul
 /// # Errors
 /// When it cannot be written.
 pub fn write_text(path: &Path, text: &str) -> Result<()> {
-    atomically(path, |w| Ok(w.write_all(text.as_bytes())?))
+    publish([stage_text(path, text)?])
+}
+
+/// Writes a text file by [`stage`].
+///
+/// # Errors
+/// When it cannot be written.
+pub fn stage_text(path: &Path, text: &str) -> Result<Staged> {
+    stage(path, |w| Ok(w.write_all(text.as_bytes())?))
 }
 
 #[cfg(test)]
@@ -184,6 +229,21 @@ mod tests {
         assert!(format!("{:#}", failed.unwrap_err()).contains("no more"));
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "before");
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn files_of_one_answer_appear_together_or_not_at_all() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        let first = stage_text(&at("a.txt"), "a").unwrap();
+        assert!(!at("a.txt").exists());
+        let second = stage(&at("b.txt"), |_| bail!("no more"));
+        assert!(second.is_err());
+        drop(first);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        publish([stage_text(&at("a.txt"), "a").unwrap(), stage_text(&at("b.txt"), "b").unwrap()]).unwrap();
+        assert_eq!(std::fs::read_to_string(at("b.txt")).unwrap(), "b");
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! npz: every channel as an array of the contract's name, type and shape.
 
-use super::atomically;
+use super::{Staged, stage};
 use anyhow::{Context, Result};
 use isobar_core::Frame;
 use npyz::WriterBuilder;
@@ -15,8 +15,8 @@ use zip::{CompressionMethod, ZipWriter};
 ///
 /// # Errors
 /// When the file cannot be written; then none is left.
-pub fn write_npz(path: &Path, frame: &Frame, layered: bool) -> Result<()> {
-    atomically(path, |w| {
+pub fn stage_npz(path: &Path, frame: &Frame, layered: bool) -> Result<Staged> {
+    stage(path, |w| {
         let mut archive = Archive(ZipWriter::new(w));
         let image = [frame.height as u64, frame.width as u64];
         let plain = |tail: &[u64]| [&image, tail].concat();

@@ -1,6 +1,6 @@
 //! Pictures for people: the frame itself, heat maps of errors and of work.
 
-use super::atomically;
+use super::{Staged, publish, stage};
 use anyhow::{Result, anyhow};
 use image::{ImageEncoder, Rgb, RgbImage, codecs::png};
 use isobar_core::{Frame, to_srgb8};
@@ -129,8 +129,16 @@ pub fn encode_png(picture: &Picture) -> Result<Vec<u8>> {
 /// # Errors
 /// When the file cannot be written; then none is left.
 pub fn write_picture(path: &Path, picture: &Picture) -> Result<()> {
+    publish([stage_picture(path, picture)?])
+}
+
+/// Writes a picture as PNG under a temporary name.
+///
+/// # Errors
+/// When the file cannot be written; then none is left.
+pub fn stage_picture(path: &Path, picture: &Picture) -> Result<Staged> {
     let bytes = encode_png(picture)?;
-    atomically(path, |w| Ok(std::io::Write::write_all(w, &bytes)?))
+    stage(path, |w| Ok(std::io::Write::write_all(w, &bytes)?))
 }
 
 #[cfg(test)]

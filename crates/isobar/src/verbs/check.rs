@@ -12,7 +12,7 @@ use isobar_core::{DVec3, Frame, Method, Request, Stop, Surface, View};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Size of the random views of `--rays`: small, so that there are many.
+/// Size of the random views of `--rays` without `--size`: small, so that there are many.
 const RANDOM_VIEW: (usize, usize) = (32, 24);
 /// Most rays: the errors of all are kept until the end.
 const MAX_RAYS: u64 = 100_000_000;
@@ -143,8 +143,12 @@ impl Job<'_> {
             "--rays: {} is a single point; there is nothing to look at",
             self.source.name
         );
+        let size = match self.args.view.size {
+            Some(_) => self.args.view.pixels()?,
+            None => RANDOM_VIEW,
+        };
         let mut random = Random::new(self.args.seed);
-        let first = random_view(&mut random, bounds, rays);
+        let first = random_view(&mut random, bounds, size, rays);
         let mut p = run::prepare(&self.setup(&first)).map_err(|e| self.explain(&e))?;
         // Random views are small and rarely asked for again: they are not kept.
         let truths = Truths::new(self.source.hash(), None);
@@ -157,19 +161,18 @@ impl Job<'_> {
             if pixels >= rays {
                 return Ok((Check::join(checks), function));
             }
-            view = random_view(&mut random, bounds, rays - pixels);
+            view = random_view(&mut random, bounds, size, rays - pixels);
             p.renderer().set_view(&view).map_err(|e| self.explain(&e))?;
         }
     }
 }
 
 /// A perspective view at random: one in three eyes lies inside the bounds, the others up to three diagonals away; the target lies inside;
-/// 10 to 90 degrees. The last view has as many rows as are still needed. The bounds must have a size.
+/// 10 to 90 degrees. It has the width and height of `size`, or as many rows as are still needed for `pixels`. The bounds must have a size.
 #[must_use]
-pub fn random_view(random: &mut Random, bounds: (DVec3, DVec3), pixels: u64) -> View {
+pub fn random_view(random: &mut Random, bounds: (DVec3, DVec3), (w, h): (usize, usize), pixels: u64) -> View {
     let (lo, hi) = bounds;
     let size = hi - lo;
-    let (w, h) = RANDOM_VIEW;
     let rows = (pixels.div_ceil(w as u64) as usize).clamp(1, h);
     loop {
         let mut inside = || lo + size * DVec3::new(random.unit(), random.unit(), random.unit());
@@ -222,7 +225,7 @@ mod tests {
         let bounds = (DVec3::splat(-1.0), DVec3::splat(1.0));
         let mut r = Random::new(3);
         let eyes: Vec<DVec3> = (0..60)
-            .map(|_| match random_view(&mut r, bounds, 10_000).camera {
+            .map(|_| match random_view(&mut r, bounds, RANDOM_VIEW, 10_000).camera {
                 isobar_core::Camera::Perspective { eye, .. } => eye,
                 other => panic!("{other:?}"),
             })
@@ -230,9 +233,9 @@ mod tests {
         let inside = eyes.iter().filter(|e| e.abs().max_element() <= 1.0).count();
         assert!((5..40).contains(&inside), "{inside}");
         assert_eq!(
-            random_view(&mut Random::new(3), bounds, 40),
-            random_view(&mut Random::new(3), bounds, 40)
+            random_view(&mut Random::new(3), bounds, RANDOM_VIEW, 40),
+            random_view(&mut Random::new(3), bounds, RANDOM_VIEW, 40)
         );
-        assert_eq!(random_view(&mut Random::new(3), bounds, 40).pixels(), 64);
+        assert_eq!(random_view(&mut Random::new(3), bounds, RANDOM_VIEW, 40).pixels(), 64);
     }
 }

@@ -40,13 +40,16 @@ pub fn run(args: &RenderArgs, command: &[String]) -> Result<Answer> {
     let mut outcome = draw(&setup, args, &source)?;
     outcome.timings.load = load;
     let mesh_seconds = mesh.map(|m| join_mesh(&mut outcome, &m, &setup)).transpose()?;
+    let _whole = crate::interrupt::writing()?;
+    let mut files = Vec::new();
     for (path, format) in &plan.outputs {
-        format.write(path, &outcome.frame, args.layers.is_some()).context("-o")?;
+        files.push(format.stage(path, &outcome.frame, args.layers.is_some()).context("-o")?);
     }
     if let Some(path) = &args.stats {
         let stats = stats_json(args, command, &setup, &source, &outcome, mesh_seconds);
-        output::write_text(path, &settings::pretty(&stats)).context("--stats")?;
+        files.push(output::stage_text(path, &settings::pretty(&stats)).context("--stats")?);
     }
+    output::publish(files)?;
     Ok(Answer {
         text: to_text(&setup, &outcome, &plan.outputs),
         warnings: super::warnings(&source, &plan.surfaces),
