@@ -1,6 +1,6 @@
 //! Containers of data: what a method is given to draw. Conversions between them live in isobar-fields.
 
-use crate::{DataError, Domain};
+use crate::{DataError, Domain, HexPatches};
 use glam::{DMat3, DVec3};
 use std::sync::Arc;
 
@@ -293,28 +293,6 @@ impl TetMesh {
         }
         Ok(Self { points, cells, values })
     }
-}
-
-/// A trivariate rational Bezier element: geometry x(u) and attribute a(u), u in [0, 1]^3.
-#[derive(Debug, Clone, PartialEq)]
-pub struct HexElement {
-    /// Degree of the geometry along u, v, w.
-    pub degree: [u8; 3],
-    /// `(degree + 1)` per axis control points x, y, z, weight (not premultiplied), u fastest.
-    pub points: Box<[[f64; 4]]>,
-    /// Degree of the attribute.
-    pub value_degree: [u8; 3],
-    /// Control coefficients of the attribute, u fastest; it is polynomial where `rational_value` is false, else it shares the weights.
-    pub values: Box<[f64]>,
-    /// Whether the attribute is weighted like the geometry (then both degrees are equal).
-    pub rational_value: bool,
-}
-
-/// A collection of elements.
-#[derive(Debug, Clone, PartialEq)]
-pub struct HexPatches {
-    /// The elements.
-    pub elements: Arc<[HexElement]>,
 }
 
 /// A trivariate polynomial `sum coefficient * x^a y^b z^c` in world coordinates, over the box `[lo, hi]`.

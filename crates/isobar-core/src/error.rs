@@ -44,9 +44,15 @@ pub enum DataError {
     /// A mesh with connectivity outside its points, no cells, or points that are not finite.
     #[error("unusable mesh: {0}")]
     Mesh(String),
+    /// Elements with a degree out of range, counts that disagree, or a weight that is not positive.
+    #[error("unusable elements: {0}")]
+    Elements(String),
     /// A polynomial with an exponent that is too large, a term twice, numbers that are not finite, or an empty box.
     #[error("unusable polynomial: {0}")]
     Algebraic(String),
+    /// A transfer function that is empty, unsorted, or has numbers that are not finite or outside their range.
+    #[error("unusable transfer function: {0}")]
+    Transfer(String),
     /// A reconstruction, field or parameter that does not exist.
     #[error("{0}")]
     Unknown(String),

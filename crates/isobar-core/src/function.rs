@@ -1,6 +1,6 @@
 //! The scalar function a method draws, described so that an oracle can be exact about it.
 
-use crate::{Algebraic, Domain, Interval, Ray, TetMesh};
+use crate::{Algebraic, Domain, HexPatches, Interval, Ray, TetMesh};
 use glam::DVec3;
 use std::fmt;
 
@@ -36,6 +36,9 @@ pub enum Structure<'a> {
     /// Linear in each tetrahedron of a mesh, in world coordinates. Its domain is the union of the closed cells with a volume: the [`Domain`] is only
     /// a box about them, and outside the cells there is no function and no root.
     Mesh(&'a TetMesh),
+    /// Cell-wise parametric on trivariate rational Bezier elements: s(x(u)) = a(u). Its domain is the union of the closed elements: the [`Domain`] is
+    /// only a box about them. In folded elements several u map to one point, and s has several values there.
+    Elements(&'a HexPatches),
     /// One trivariate polynomial in world coordinates over the whole domain.
     Polynomial(&'a Algebraic),
     /// No polynomial: rigorous enclosures only.

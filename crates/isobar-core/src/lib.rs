@@ -12,6 +12,7 @@ mod domain;
 mod error;
 mod frame;
 mod function;
+mod hexes;
 mod interval;
 mod method;
 mod request;
@@ -19,15 +20,16 @@ mod scene;
 mod shade;
 mod view;
 
-pub use data::{Algebraic, Data, Grid, HexElement, HexPatches, Samples, TetMesh};
+pub use data::{Algebraic, Data, Grid, Samples, TetMesh};
 pub use domain::Domain;
 pub use error::{DataError, RenderError, Unsupported};
 pub use frame::{Channels, Claim, Frame, Hit, NO_SURFACE, Pixel};
 pub use function::{Analytic, Basis1, CUBIC, Function, Lattice, QUADRATIC, Structure, TRILINEAR, TetMasks, Tetrahedral};
+pub use hexes::{HexElement, HexPatches};
 pub use interval::Interval;
 pub use method::{Counters, DataKind, Memory, Method, MethodInfo, RenderTime, Renderer, Stage, Stop};
 pub use request::{KnobKind, KnobSpec, KnobValue, Knobs, Request, ResolvedKnobs, Sampling};
-pub use scene::{Scene, Surface, SurfaceKind, TransferFunction};
+pub use scene::{Peak, Scene, Surface, SurfaceKind, TransferFunction};
 pub use shade::{over, shade, to_srgb8};
 pub use view::{Camera, ClipPlane, Ray, RayGenerator, View};
 

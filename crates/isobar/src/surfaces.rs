@@ -94,39 +94,12 @@ fn parse_transfer(text: &str, extent: f64) -> Result<TransferFunction> {
             e.message()
         )
     })?;
-    ensure!(
-        !file.points.is_empty(),
-        "it has no points; write points = [[value, r, g, b, density], ...]"
-    );
-    for (i, p) in file.points.iter().enumerate() {
-        let n = i + 1;
-        ensure!(
-            p.iter().all(|v| v.is_finite()),
-            "point {n} has a number that is not finite; correct it"
-        );
-        ensure!(
-            p[1..4].iter().all(|c| (0.0..=1.0).contains(c)),
-            "point {n} has a colour outside 0 to 1; give linear r, g, b"
-        );
-        ensure!(p[4] >= 0.0, "point {n} has a negative density; extinction is at least 0");
-        ensure!(
-            i == 0 || file.points[i - 1][0] < p[0],
-            "point {n} is not above the one before it; sort the points by value"
-        );
-    }
-    let unit = file.unit.unwrap_or(extent / 256.0);
-    ensure!(
-        unit > 0.0 && unit.is_finite(),
-        "unit {unit} is not a positive length; give it in world units"
-    );
-    Ok(TransferFunction {
-        points: file
-            .points
-            .iter()
-            .map(|p| (p[0], [p[1] as f32, p[2] as f32, p[3] as f32], p[4] as f32))
-            .collect(),
-        unit,
-    })
+    let points = file
+        .points
+        .iter()
+        .map(|p| (p[0], [p[1] as f32, p[2] as f32, p[3] as f32], p[4] as f32))
+        .collect();
+    Ok(TransferFunction::new(points, file.unit.unwrap_or(extent / 256.0))?)
 }
 
 #[cfg(test)]
