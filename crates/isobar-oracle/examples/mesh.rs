@@ -48,8 +48,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     let view = View::perspective(eye, centre, DVec3::Z, 40.0, w.parse()?, h.parse()?);
     let start = Instant::now();
     let truth = Truth::compute(&function, &[Surface::isovalue(isovalue, 0)], &view, &Stop::default())?;
+    // Outside the cells the value is NaN.
+    let step = 1e-6 * radius;
+    let generator = view.generator();
+    let at_an_end = |(i, p): (usize, &isobar_oracle::TruePixel)| {
+        let ray = generator.ray(i % truth.width, i / truth.width);
+        let outside = |t: f64| function.value(ray.at(t)).is_nan();
+        p.undecidable && p.is_hit() && (outside(p.t() - step) || outside(p.t() + step))
+    };
+    let ends = truth.pixels.iter().enumerate().filter(|&x| at_an_end(x)).count();
     println!(
-        "{w}x{h} isovalue {isovalue}: mesh and its tree {read:.2} s, truth {:.2} s, {} hits, {:?}, undecidable {}",
+        "{w}x{h} isovalue {isovalue}: mesh and its tree {read:.2} s, truth {:.2} s, {} hits, {:?}, undecidable {}, {ends} of them with the root where the ray enters or leaves the mesh",
         start.elapsed().as_secs_f64(),
         truth.hits(),
         truth.stages(),

@@ -1,7 +1,10 @@
 //! A frame held against the truth: CONTRACT `check`, DESIGN section 4.
 
-use crate::{Multiplicity, Oracles, Root, Stages, TruePixel, Truth, TruthError, truth::check_clips};
-use isobar_core::{Channels, Claim, DVec3, Frame, Function, NO_SURFACE, Ray, Surface, View};
+use crate::{
+    Multiplicity, Oracles, Root, Stages, TruePixel, Truth, TruthError,
+    truth::{check_clips, check_surfaces},
+};
+use isobar_core::{Channels, Claim, DVec3, Frame, Function, Ray, Surface, View};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
@@ -86,7 +89,7 @@ pub struct Check {
     pub t_error_voxels: Quantiles,
     /// The same over the pixel's footprint at the root; NaN for lists of rays, which have none.
     pub t_error_pixels: Quantiles,
-    /// Angle between the frame's normal and grad s at the certified root, degrees, of right hits; NaN without normals.
+    /// Angle between the frame's normal and grad s at the certified root, degrees, of right hits on isosurfaces; NaN without normals.
     pub normal_error_deg: Quantiles,
     /// How many pixels of the truth each stage decided.
     pub stage: Stages,
@@ -153,12 +156,7 @@ pub fn check(
     }
     check_clips(&view.clips)?;
     // Refuse bad surfaces here; the min/max blocks are built when a pixel needs them.
-    if surfaces.iter().any(|s| s.value().is_none()) {
-        return Err(TruthError::Unsupported("surfaces that are no isosurfaces"));
-    }
-    if surfaces.len() > usize::from(NO_SURFACE) {
-        return Err(TruthError::TooManySurfaces(surfaces.len()));
-    }
+    check_surfaces(function.as_ref(), surfaces)?;
     let checker = Checker {
         frame,
         function,
@@ -228,7 +226,10 @@ impl Checker<'_> {
             if footprint > 0.0 {
                 v.pixels = (error * length / footprint) as f32;
             }
-            v.degrees = self.normal_error(i, ray.at(root));
+            // Of other surfaces s is not constant on them: its gradient is no normal.
+            if self.surfaces.get(usize::from(p.surface)).is_some_and(|s| s.value().is_some()) {
+                v.degrees = self.normal_error(i, ray.at(root));
+            }
         }
         if let Some(&claim) = self.frame.claim.get(i) {
             v.unclaimed = !(claim.contains(Claim::EXISTS | Claim::FIRST) || claim.contains(Claim::EMPTY));
@@ -281,9 +282,9 @@ impl Checker<'_> {
         if voxels(first) > FALSE_BEYOND {
             return Class::FalseHit;
         }
-        let value = |i: u8| self.surfaces.get(usize::from(i)).and_then(Surface::value);
+        let kind = |i: u8| self.surfaces.get(usize::from(i)).map(|s| s.kind);
         match surface {
-            Some(s) if s != p.surface && value(s) != value(p.surface) => Class::WrongSurface,
+            Some(s) if s != p.surface && kind(s) != kind(p.surface) => Class::WrongSurface,
             _ => Class::RightHit,
         }
     }
@@ -335,8 +336,8 @@ impl Checker<'_> {
             return wrong;
         }
         let named = self.frame.surface.get(i).copied();
-        let value = |s: u8| self.surfaces.get(usize::from(s)).and_then(Surface::value);
-        let of_surface = |s: u8| named.is_none_or(|n| n == s || value(n) == value(s));
+        let kind = |s: u8| self.surfaces.get(usize::from(s)).map(|s| s.kind);
+        let of_surface = |s: u8| named.is_none_or(|n| n == s || kind(n) == kind(s));
         // The first root settles most claims; the others are looked for only where it does not.
         if asked == Claim::EXISTS && p.is_hit() && p.lo <= hi && lo <= p.hi && of_surface(p.surface) {
             return wrong;
@@ -356,7 +357,10 @@ impl Checker<'_> {
         for (flag, want) in [
             (Claim::EXISTS, &(|_: &Root| true) as &dyn Fn(&Root) -> bool),
             (Claim::TANGENT, &|r: &Root| {
-                matches!(r.multiplicity, Multiplicity::Even(_) | Multiplicity::Interval)
+                matches!(
+                    r.multiplicity,
+                    Multiplicity::Even(_) | Multiplicity::Interval | Multiplicity::Unknown
+                )
             }),
             (Claim::INTERVAL, &|r: &Root| r.multiplicity == Multiplicity::Interval),
         ] {

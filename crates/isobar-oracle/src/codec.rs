@@ -1,7 +1,7 @@
 //! Truth as bytes, for a cache, and the key it is cached under.
 //!
 //! Little endian: the 8 bytes `isotruth`, u32 version, u64 width, u64 height, then per pixel one byte of flags (bits 0-1 stage, 2-4 kind: 0
-//! no root, 1 simple, 2 even, 3 odd, 4 stretch, 5 unresolved; bit 5 undecidable) and, with a root or unresolved, surface u8, slope f32,
+//! no root, 1 simple, 2 even, 3 odd, 4 stretch, 5 unresolved, 6 unknown; bit 5 undecidable) and, with a root or unresolved, surface u8, slope f32,
 //! lo f64, hi as the LEB128 number of representable steps above lo (lo <= hi), and for even and odd the multiplicity u8. Last the
 //! first 8 bytes of the SHA-256 of all that.
 
@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 const MAGIC: &[u8; 8] = b"isotruth";
 
 /// To be raised with any change of the format or of what the oracle says of a pixel.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Position of an f64 among all, so that neighbours differ by one.
 fn order(x: f64) -> u64 {
@@ -40,6 +40,7 @@ impl Truth {
                 Some(Multiplicity::Even(n)) => (2, Some(n)),
                 Some(Multiplicity::Odd(n)) => (3, Some(n)),
                 Some(Multiplicity::Interval) => (4, None),
+                Some(Multiplicity::Unknown) => (6, None),
             };
             let stage = match p.decided {
                 Decided::F64 => 0,
@@ -160,6 +161,7 @@ impl Reader<'_> {
             2 => Some(Multiplicity::Even(u32::from(self.take::<1>()?[0]))),
             3 => Some(Multiplicity::Odd(u32::from(self.take::<1>()?[0]))),
             4 => Some(Multiplicity::Interval),
+            6 => Some(Multiplicity::Unknown),
             5 => None,
             _ => return Err(bad()),
         };
@@ -259,10 +261,14 @@ mod tests {
             unresolved: true,
             ..hit
         };
+        let unknown = TruePixel {
+            multiplicity: Some(Multiplicity::Unknown),
+            ..hit
+        };
         Truth {
-            width: 2,
-            height: 2,
-            pixels: vec![miss, hit, tangent, doubt],
+            width: 5,
+            height: 1,
+            pixels: vec![miss, hit, tangent, doubt, unknown],
         }
     }
 
@@ -282,7 +288,7 @@ mod tests {
             assert!(Truth::from_bytes(&b[..i]).is_err());
         }
         // also with a right checksum
-        for (at, value) in [(12, 255u8), (19, 255), (28, 3), (29, 0x19)] {
+        for (at, value) in [(12, 255u8), (19, 255), (28, 3), (29, 0x1d)] {
             let mut c = b[..b.len() - 8].to_vec();
             c[at] = value;
             let sum = Sha256::digest(&c);

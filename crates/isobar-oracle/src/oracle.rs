@@ -5,13 +5,15 @@ use crate::{
     clip::Kept,
     exact::ExactRay,
     extremum::LIMIT,
+    hexes::{self, Doubt, Target, Wanted},
+    integral::{beam::Beam, legs},
     lattice,
     map::{LocalMap, Mapped},
     polynomial,
     skip::Skip,
     tets, type6,
 };
-use isobar_core::{ClipPlane, Domain, Function, Ray, Structure};
+use isobar_core::{ClipPlane, Domain, Function, Ray, Structure, SurfaceKind};
 use std::sync::Arc;
 
 /// Certified roots of s = c along rays. Immutable and shared freely between threads.
@@ -19,6 +21,8 @@ use std::sync::Arc;
 pub struct Oracle {
     function: Arc<dyn Function>,
     isovalue: f64,
+    /// What is looked for in mapped elements.
+    wanted: Wanted,
     shared: Arc<Shared>,
     least: Decided,
     clips: Arc<[ClipPlane]>,
@@ -33,6 +37,8 @@ pub(crate) struct Shared {
     pub(crate) skip: Option<Skip>,
     /// `None` unless the function is that of a mesh.
     pub(crate) tets: Option<tets::Index>,
+    /// `None` unless the function is that of mapped elements.
+    pub(crate) hexes: Option<hexes::Index>,
     /// Whether cells are centred on samples.
     pub(crate) centred: bool,
 }
@@ -76,6 +82,8 @@ impl Goal<'_> {
 pub(crate) struct Search {
     pub(crate) roots: Vec<Root>,
     pub(crate) unresolved: Vec<(f64, f64)>,
+    /// Why, for each, where that is known: mapped elements.
+    pub(crate) doubts: Vec<Doubt>,
     pub(crate) decided: Decided,
     /// t of the first near-extremum not after the first root.
     pub(crate) near: Option<f64>,
@@ -86,6 +94,7 @@ impl Search {
         Self {
             roots: Vec::new(),
             unresolved: Vec::new(),
+            doubts: Vec::new(),
             decided: least,
             near: None,
         }
@@ -102,13 +111,13 @@ impl Search {
 
     /// Whether the ray is undecidable up to `t`: see [`Oracle::undecidable`].
     pub(crate) fn undecidable_until(&self, t: f64) -> bool {
-        use crate::Multiplicity::{Even, Interval};
+        use crate::Multiplicity::{Even, Interval, Unknown};
         self.near.is_some_and(|n| n <= t)
             || self.unresolved.first().is_some_and(|u| u.0 <= t)
             || self
                 .roots
                 .first()
-                .is_some_and(|r| r.lo <= t && matches!(r.multiplicity, Even(_) | Interval))
+                .is_some_and(|r| r.lo <= t && matches!(r.multiplicity, Even(_) | Interval | Unknown))
     }
 }
 
@@ -132,8 +141,13 @@ impl Oracle {
             Structure::Mesh(m) => Some(tets::Index::new(m)),
             _ => None,
         };
+        let hexes = match structure {
+            Structure::Elements(h) => Some(hexes::Index::new(h)),
+            _ => None,
+        };
         let shared = Shared {
             tets,
+            hexes,
             local: LocalMap::new(function.domain(), centred),
             skip,
             centred,
@@ -141,6 +155,7 @@ impl Oracle {
         Self {
             function,
             isovalue,
+            wanted: Wanted::Each(Target::Isovalue(isovalue)),
             shared: Arc::new(shared),
             least: Decided::F64,
             clips: Arc::default(),
@@ -163,8 +178,31 @@ impl Oracle {
     pub fn with_isovalue(&self, isovalue: f64) -> Self {
         Self {
             isovalue,
+            wanted: Wanted::Each(Target::Isovalue(isovalue)),
             ..self.clone()
         }
+    }
+
+    /// The same function with another surface: an isosurface, or for mapped elements a parameter surface (then [`Oracle::isovalue`] is 0 and slopes are those of
+    /// the parameter) or the boundary, which are the faces that only one element has, bit by bit. `None` for other surfaces of other functions, for an axis above 2
+    /// and a parameter outside [0, 1].
+    #[must_use]
+    pub fn with_surface(&self, kind: SurfaceKind) -> Option<Self> {
+        let mapped = self.shared.hexes.is_some();
+        let wanted = match kind {
+            SurfaceKind::Isovalue(c) => return Some(self.with_isovalue(c)),
+            SurfaceKind::Parameter { axis, value } if mapped && axis < 3 && (0.0..=1.0).contains(&value) => {
+                let axis = usize::from(axis);
+                Wanted::Each(Target::Parameter { axis, value })
+            }
+            SurfaceKind::Boundary if mapped => Wanted::Boundary,
+            _ => return None,
+        };
+        Some(Self {
+            isovalue: 0.0,
+            wanted,
+            ..self.clone()
+        })
     }
 
     /// Skips the stages before `least`: to test the stages against each other.
@@ -211,30 +249,90 @@ impl Oracle {
         }
     }
 
+    /// Why stretches of the ray stay unresolved, front to back: mapped elements only, empty for all others.
+    #[must_use]
+    pub fn doubts(&self, ray: &Ray) -> Vec<(f64, f64, Doubt)> {
+        let s = self.search(ray, f64::INFINITY, false, false);
+        s.unresolved.iter().zip(s.doubts).map(|(u, why)| (u.0, u.1, why)).collect()
+    }
+
     /// Whether f32-sized errors in the coefficients could change the first hit: s - c has an extremum (or an end of the stay in the
     /// domain) before or at the first root with `|s - c| <= 8 * 2^-24 * M`, M the greatest `|coefficient - c|` of the piece; or the
     /// first root is a tangent or a stretch; or the answer is unresolved. Where clipping planes end the stay, the same holds at that end; and a ray
     /// that runs so nearly along a plane that f64 arithmetic misplaces the crossing by more than the limit's share of a voxel is undecidable.
     ///
     /// Pieces: cells of a lattice; for a polynomial the parts its stay is cut into (Bernstein coefficients along the ray); for an
-    /// analytic field intervals of at most 1/64 of the stay (M is the magnitude of the enclosure).
+    /// analytic field intervals of at most 1/64 of the stay (M is the magnitude of the enclosure); mapped elements, whose roots are followed for all values within
+    /// the limit at once.
     #[must_use]
     pub fn undecidable(&self, ray: &Ray) -> bool {
         self.search(ray, f64::INFINITY, true, true).undecidable_until(f64::INFINITY)
     }
 
+    /// Whether all numbers of the ray, the domain and the clipping planes can be worked with.
+    fn usable(&self, ray: &Ray) -> bool {
+        let planes = self.clips.iter().all(|p| p.normal.is_finite() && p.distance.is_finite());
+        planes && ExactRay::usable(ray, self.function.domain())
+    }
+
+    /// What clipping planes keep.
+    fn kept(&self, ray: &Ray) -> Option<Kept> {
+        (!self.clips.is_empty()).then(|| {
+            let fine = LIMIT * self.function.domain().voxel() / ray.direction.length();
+            Kept::new(ray, &self.clips, fine)
+        })
+    }
+
+    /// Gathers the colour of the medium along a ray. `false`: it cannot be followed.
+    pub(crate) fn integrate(&self, ray: &Ray, beam: &mut Beam<'_>) -> bool {
+        if !self.usable(ray) {
+            return false;
+        }
+        let kept = self.kept(ray);
+        if kept.as_ref().is_some_and(Kept::is_nothing) {
+            return true;
+        }
+        let goal = Goal {
+            until: f64::INFINITY,
+            first_only: false,
+            watch: false,
+            least: self.least,
+            kept: kept.as_ref(),
+        };
+        let (function, shared) = (&*self.function, &*self.shared);
+        let floating = self.least != Decided::Exact;
+        let exact = || goal.exact_ray(ray, function.domain(), shared.centred);
+        match function.structure() {
+            Structure::Lattice(l) => {
+                if !(floating && legs::lattice(l, shared, ray, goal, beam).is_ok())
+                    && let Some(e) = exact()
+                {
+                    legs::lattice_exactly(l, &e, beam);
+                }
+                true
+            }
+            Structure::Tetrahedral(t) => {
+                if !(floating && type6::legs::legs(t, function, shared, ray, goal, beam).is_ok())
+                    && let Some(e) = exact()
+                {
+                    type6::legs::legs_exactly(t, &e, beam);
+                }
+                true
+            }
+            Structure::Mesh(m) => tets::legs::legs(m, function, shared, ray, goal, beam).is_ok(),
+            Structure::Polynomial(p) => legs::polynomial(p, shared, ray, goal, beam).is_ok(),
+            _ => false,
+        }
+    }
+
     /// The whole search; near-extrema are noted with `watch` only.
     pub(crate) fn search(&self, ray: &Ray, until: f64, first_only: bool, watch: bool) -> Search {
-        let planes = self.clips.iter().all(|p| p.normal.is_finite() && p.distance.is_finite());
-        if !(self.isovalue.is_finite() && planes && ExactRay::usable(ray, self.function.domain())) {
+        if !(self.isovalue.is_finite() && self.usable(ray)) {
             let mut s = Search::new(Decided::Exact);
             s.unresolved.push((f64::NEG_INFINITY, f64::INFINITY));
             return s;
         }
-        let kept = (!self.clips.is_empty()).then(|| {
-            let fine = LIMIT * self.function.domain().voxel() / ray.direction.length();
-            Kept::new(ray, &self.clips, fine)
-        });
+        let kept = self.kept(ray);
         let goal = Goal {
             until,
             first_only,
@@ -258,6 +356,7 @@ impl Oracle {
             Structure::Lattice(l) => lattice::search(l, &*self.function, &self.shared, self.isovalue, ray, goal),
             Structure::Tetrahedral(t) => type6::search(t, &*self.function, &self.shared, self.isovalue, ray, goal),
             Structure::Mesh(m) => tets::search(m, &*self.function, &self.shared, self.isovalue, ray, goal),
+            Structure::Elements(h) => hexes::search(h, &*self.function, &self.shared, self.wanted, ray, goal),
             Structure::Polynomial(p) => polynomial::search(p, &*self.function, &self.shared, self.isovalue, ray, goal),
             Structure::Analytic(a) => analytic::search(a, &self.shared, self.isovalue, ray, goal),
             // A form this oracle does not know: it decides nothing.

@@ -26,6 +26,9 @@ pub enum Multiplicity {
     Odd(u32),
     /// s = c on a stretch of the ray.
     Interval,
+    /// At least one root is certain, how s - c vanishes is not: tangents and folds of mapped elements, and roots of several elements that cannot be told
+    /// apart and disagree. Only for [`isobar_core::Structure::Elements`].
+    Unknown,
 }
 
 impl Multiplicity {
@@ -45,7 +48,8 @@ pub struct Root {
     /// Certified: the root is not below this t. Units of the ray's direction.
     pub lo: f64,
     /// Certified: the root is not above this t. `hi - lo` is at most `max(4 ulp of t, 1e-13 |t|)` for splines and polynomials; for analytic
-    /// fields it is what their enclosures allow, 1e-12 |t| for the contract's fields where the surface is not grazed.
+    /// fields it is what their enclosures allow, 1e-12 |t| for the contract's fields where the surface is not grazed; for mapped elements what
+    /// double-double allows where f64 cannot keep to it, and up to 1e-10 |t| where the multiplicity is [`Multiplicity::Unknown`].
     pub hi: f64,
     /// How s - c vanishes.
     pub multiplicity: Multiplicity,
@@ -88,8 +92,8 @@ pub enum Answer {
         /// Which stage decided.
         decided: Decided,
     },
-    /// Enclosures could not decide whether a root lies in `[lo, hi]`; none lies before. Only for analytic fields (and for rays that are
-    /// not finite, with infinite ends).
+    /// Enclosures could not decide whether a root lies in `[lo, hi]`; none lies before. Only for analytic fields and mapped elements (and for rays
+    /// that are not finite, with infinite ends).
     Unresolved {
         /// Start of the doubtful part.
         lo: f64,

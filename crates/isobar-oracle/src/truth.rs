@@ -1,7 +1,7 @@
 //! The certified first hits of a whole view.
 
 use crate::{Answer, Decided, Multiplicity, Oracle, Root, oracle::Search};
-use isobar_core::{ClipPlane, Function, NO_SURFACE, Ray, Stop, Surface, View};
+use isobar_core::{ClipPlane, Function, NO_SURFACE, Ray, Stop, Structure, Surface, View};
 use rayon::prelude::*;
 use std::sync::Arc;
 use thiserror::Error;
@@ -19,6 +19,9 @@ pub enum TruthError {
     /// Something the oracle does not certify.
     #[error("the oracle does not certify {0}")]
     Unsupported(&'static str),
+    /// A transfer function that cannot be used.
+    #[error(transparent)]
+    Medium(isobar_core::DataError),
     /// More surfaces than a frame can name.
     #[error("{0} surfaces are more than the 255 a frame can name")]
     TooManySurfaces(usize),
@@ -124,27 +127,22 @@ pub struct Oracles {
 }
 
 impl Oracles {
-    /// One oracle per isosurface with opacity above 0, in what the clipping planes keep: a surface of opacity 0 never hides what is behind
+    /// One oracle per surface with opacity above 0, in what the clipping planes keep: a surface of opacity 0 never hides what is behind
     /// it, so it is no hit. The min/max blocks are built once.
     ///
     /// # Errors
-    /// [`TruthError::Unsupported`] for surfaces that are no isosurfaces and for capped planes, [`TruthError::TooManySurfaces`].
+    /// [`TruthError::Unsupported`] for capped planes and for surfaces that [`Oracle::with_surface`] does not know, [`TruthError::TooManySurfaces`].
     pub fn new(function: &Arc<dyn Function>, surfaces: &[Surface], clips: &[ClipPlane]) -> Result<Self, TruthError> {
         check_clips(clips)?;
-        if surfaces.len() > usize::from(NO_SURFACE) {
-            return Err(TruthError::TooManySurfaces(surfaces.len()));
-        }
+        check_surfaces(function.as_ref(), surfaces)?;
         let mut all: Vec<(u8, Oracle)> = Vec::new();
         for (i, s) in (0..).zip(surfaces) {
-            let Some(c) = s.value() else {
-                return Err(TruthError::Unsupported("surfaces that are no isosurfaces"));
-            };
             if s.opacity > 0.0 {
                 let oracle = match all.first() {
-                    Some((_, o)) => o.with_isovalue(c),
-                    None => Oracle::new(function.clone(), c).with_clips(clips),
+                    Some((_, o)) => o.with_surface(s.kind),
+                    None => Oracle::new(function.clone(), 0.0).with_clips(clips).with_surface(s.kind),
                 };
-                all.push((i, oracle));
+                all.push((i, oracle.ok_or(NOT_KNOWN)?));
             }
         }
         Ok(Self { all })
@@ -212,6 +210,21 @@ impl Oracles {
     }
 }
 
+const NOT_KNOWN: TruthError =
+    TruthError::Unsupported("surfaces that are no isosurfaces, but parameter surfaces and the boundary of mapped elements");
+
+/// Refuses surfaces that no oracle knows, and too many.
+pub(crate) fn check_surfaces(function: &dyn Function, surfaces: &[Surface]) -> Result<(), TruthError> {
+    if surfaces.len() > usize::from(NO_SURFACE) {
+        return Err(TruthError::TooManySurfaces(surfaces.len()));
+    }
+    let mapped = matches!(function.structure(), Structure::Elements(_));
+    if surfaces.iter().any(|s| s.value().is_none() && !mapped) {
+        return Err(NOT_KNOWN);
+    }
+    Ok(())
+}
+
 /// Refuses capped planes: a cut through the solid is no root.
 pub(crate) fn check_clips(clips: &[ClipPlane]) -> Result<(), TruthError> {
     if clips.iter().any(|c| c.cap) {
@@ -221,12 +234,11 @@ pub(crate) fn check_clips(clips: &[ClipPlane]) -> Result<(), TruthError> {
 }
 
 impl Truth {
-    /// The first root of every pixel over all isosurfaces with opacity above 0, in what the view's clipping planes keep. Rows in parallel on the current rayon pool; `stop`
+    /// The first root of every pixel over all surfaces with opacity above 0, in what the view's clipping planes keep. Rows in parallel on the current rayon pool; `stop`
     /// counts rows.
     ///
     /// # Errors
-    /// [`TruthError::Stopped`]; [`TruthError::View`]; [`TruthError::Unsupported`] for capped clipping planes and for surfaces that are no
-    /// isosurfaces.
+    /// [`TruthError::Stopped`]; [`TruthError::View`]; those of [`Oracles::new`].
     pub fn compute(function: &Arc<dyn Function>, surfaces: &[Surface], view: &View, stop: &Stop) -> Result<Self, TruthError> {
         view.validate()?;
         let oracles = Oracles::new(function, surfaces, &view.clips)?;

@@ -8,7 +8,8 @@
 //! face abc exactly where `S_ab, S_bc, S_ca` have one sign, and it crosses two faces or none. The sides are then the barycentric
 //! weights of the crossing, `w_a = S_bc` and so on, by which s and `t = (x - o) . d/(d . d)` are both interpolated.
 
-use crate::real::{Dd, Real};
+use super::tree::moderate;
+use crate::real::{Dd, Real, U64, two_prod};
 use isobar_core::{DVec3, Ray};
 
 /// See the module.
@@ -161,10 +162,17 @@ const SIDES: [[(usize, bool); 3]; 4] = [
 
 /// The stay in a cell with these corners and values; all numbers 0 or in `[2^-120, 2^120]`.
 pub(crate) fn see<R: Divide>(ray: &Ray, corners: &[DVec3; 4], values: &[f64; 4], c: f64) -> Seen<R> {
-    let exact = |v: DVec3| v.to_array().map(Ball::<R>::exact);
-    let minus = |a: DVec3, b: DVec3| -> [Ball<R>; 3] { std::array::from_fn(|k| Ball::difference(a[k], b[k])) };
-    let d = exact(ray.direction);
     let q = corners.map(|p| minus(p, ray.origin));
+    see_from(ray.direction, &q, corners, values, c)
+}
+
+fn minus<R: Divide>(a: DVec3, b: DVec3) -> [Ball<R>; 3] {
+    std::array::from_fn(|k| Ball::difference(a[k], b[k]))
+}
+
+/// The same with the corners `q` as seen from a point of the ray, from which t is then counted.
+fn see_from<R: Divide>(direction: DVec3, q: &[[Ball<R>; 3]; 4], corners: &[DVec3; 4], values: &[f64; 4], c: f64) -> Seen<R> {
+    let d = direction.to_array().map(Ball::<R>::exact);
     let mut side = [Ball::exact(0.0); 6];
     let mut sign = [0; 6];
     let mut all = true;
@@ -217,16 +225,80 @@ pub(crate) fn see<R: Divide>(ray: &Ray, corners: &[DVec3; 4], values: &[f64; 4],
     }
 }
 
+/// The corners of a cell as seen from the point `o + t d` of the ray near its middle, t an f64: of the size of the cell, whatever the distance of the eye.
+///
+/// `o + t d` is an exact product and a sum in double-double (3u^2), the differences to the corners are sums too (3u^2 more); rounded to f64 they are wrong by at
+/// most `u |q| + 2^-102 (|o| + |t d| + |p|)`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Near {
+    pub(crate) t: f64,
+    q: [[Ball<f64>; 3]; 4],
+}
+
+impl Near {
+    /// `None` where t is beyond what double-double can multiply.
+    pub(crate) fn new(ray: &Ray, corners: &[DVec3; 4]) -> Option<Self> {
+        let (o, d) = (ray.origin, ray.direction);
+        let middle = 0.25 * (corners[0] + corners[1] + corners[2] + corners[3]);
+        let t = (middle - o).dot(d) / d.length_squared();
+        if !moderate(t) {
+            return None;
+        }
+        let mut q = [[Ball::<f64>::exact(0.0); 3]; 4];
+        for k in 0..3 {
+            let step = two_prod(t, d[k]);
+            let here = step + Dd::new(o[k]);
+            for (q, p) in q.iter_mut().zip(corners) {
+                let x = Dd::new(p[k]) - here;
+                q[k] = Ball {
+                    x: x.hi,
+                    e: up(U64 * x.hi.abs() + 1.98e-31 * (o[k].abs() + step.abs() + p[k].abs())),
+                };
+            }
+        }
+        Some(Self { t, q })
+    }
+
+    /// As [`see`], with t counted from [`Near::t`].
+    pub(crate) fn see(&self, direction: DVec3, corners: &[DVec3; 4], values: &[f64; 4], c: f64) -> Seen<f64> {
+        see_from(direction, &self.q, corners, values, c)
+    }
+}
+
+/// The edges from each corner, as (edge, turned round).
+const FROM: [[(usize, bool); 3]; 4] = [
+    [(0, false), (1, false), (2, false)],
+    [(0, true), (3, false), (4, false)],
+    [(1, true), (3, true), (5, false)],
+    [(2, true), (4, true), (5, true)],
+];
+
 /// Whether certain sides (0: not certain) already exclude the closed cell: where the three sides `S_ij` of a corner i have one certain sign. A point of the
 /// cell on the ray's line is `sum_j w_j p_j` with weights that are not negative, and then `sum_j w_j S_ij = 0`: only `w_i` is left, and with
 /// the line through corner i its sides are 0.
 fn beside(sign: &[i32; 6]) -> bool {
-    let of = |i: usize, j: usize| {
-        let n = EDGES.iter().position(|e| *e == [i.min(j), i.max(j)]).unwrap_or(0);
-        if i < j { sign[n] } else { -sign[n] }
-    };
-    (0..4).any(|i| {
-        let sum: i32 = (0..4).filter(|&j| j != i).map(|j| of(i, j)).sum();
+    FROM.iter().any(|edges| {
+        let sum: i32 = edges.iter().map(|&(n, turned)| if turned { -sign[n] } else { sign[n] }).sum();
         sum.abs() == 3
     })
+}
+
+/// Whether the line misses the closed cell for certain, by the same rule in plain f64: so it is with most cells whose box it meets. A side is a sum of six products `d_a q_b e_c`, each with the roundings of
+/// `q = p - o` and of e (u each), two of its own and at most four more in sums, so it is wrong by less than `9u` times the sum of their magnitudes, for which `|d|_1 |q|_1 |e|_1` stands.
+pub(crate) fn surely_beside(ray: &Ray, corners: &[DVec3; 4]) -> bool {
+    const ERROR: f64 = 16.0 * U64;
+    let size = |v: DVec3| v.abs().element_sum();
+    let direction = ray.direction;
+    let q = corners.map(|p| p - ray.origin);
+    let most = size(direction) * ERROR;
+    let sizes = q.map(size);
+    let mut sign = [0; 6];
+    for (n, [i, j]) in EDGES.into_iter().enumerate() {
+        let edge = corners[j] - corners[i];
+        let side = direction.dot(q[i].cross(edge));
+        if side.abs() > most * sizes[i] * size(edge) + f64::MIN_POSITIVE {
+            sign[n] = if side > 0.0 { 1 } else { -1 };
+        }
+    }
+    beside(&sign)
 }

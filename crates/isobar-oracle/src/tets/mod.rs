@@ -3,13 +3,14 @@
 //! **What a root is.** A t >= 0 for which some closed cell with a volume holds `o + t d` and its linear function is c there. Cells that share a face, an edge or a corner agree there, so the
 //! root is the same t and counts once; where a mesh has gaps there is nothing. Where cells overlap (a folded mesh) each has its say.
 //!
-//! Each cell near the ray with values about c is looked at in f64, then double-double ([`ball`]), then integers ([`exact`]); floating point
+//! Each cell near the ray with values about c is looked at in f64, where that does not do in f64 about a point of the ray near the cell ([`ball::Near`]), then double-double ([`ball`]), then integers ([`exact`]); floating point
 //! answers only where the ray goes through the inside of the cell by two certain faces and s - c certainly is not 0 there. Then a root lies inside
 //! this cell and in no other. All cells about a root on a face, an edge or a corner are solved in integers, where equal t are
 //! equal. Brackets that overlap, as those of cells that overlap may, send the whole ray to integers.
 
-mod ball;
+pub(crate) mod ball;
 mod exact;
+pub(crate) mod legs;
 #[cfg(test)]
 mod tests;
 mod tree;
@@ -20,9 +21,9 @@ use crate::{
     exact::Ratio,
     extremum::{Stretch, Watch, far},
     oracle::{Goal, Search, Shared},
-    real::Dd,
+    real::{Dd, two_sum},
 };
-use ball::{Divide, Seen, see};
+use ball::{Divide, Near, Seen, see, surely_beside};
 use exact::{ExactCell, Zero};
 use isobar_core::{DVec3, Function, Ray, TetMesh};
 pub(crate) use tree::Index;
@@ -51,6 +52,11 @@ struct Part {
 struct Found {
     piece: Option<Piece>,
     root: Option<Root>,
+}
+
+/// The greatest f64 not above.
+fn below(x: Dd) -> f64 {
+    if x.lo < 0.0 { x.hi.next_down() } else { x.hi }
 }
 
 /// Finds what the goal asks for.
@@ -157,10 +163,22 @@ impl Run<'_> {
         }
         let mut found = None;
         if least == Decided::F64 {
-            found = self.float::<f64>(cell, &corners, &values, Decided::F64);
+            if surely_beside(self.ray, &corners) {
+                return;
+            }
+            let seen = see::<f64>(self.ray, &corners, &values, self.c);
+            found = self.float(cell, seen, 0.0, &corners, &values, Decided::F64);
+            // From afar f64 knows the root too badly.
+            if found.is_none()
+                && let Some(near) = Near::new(self.ray, &corners)
+            {
+                let seen = near.see(self.ray.direction, &corners, &values, self.c);
+                found = self.float(cell, seen, near.t, &corners, &values, Decided::F64);
+            }
         }
         if found.is_none() && least != Decided::Exact {
-            found = self.float::<Dd>(cell, &corners, &values, Decided::DoubleDouble);
+            let seen = see::<Dd>(self.ray, &corners, &values, self.c);
+            found = self.float(cell, seen, 0.0, &corners, &values, Decided::DoubleDouble);
             if found.is_some() {
                 self.decided = self.decided.max(Decided::DoubleDouble);
             }
@@ -176,28 +194,38 @@ impl Run<'_> {
             .extend(ExactCell::new(self.ray, cell, &corners, &values, self.c, stay));
     }
 
-    /// `None` where this arithmetic cannot tell.
-    fn float<R: Divide>(&self, cell: u32, corners: &[DVec3; 4], values: &[f64; 4], decided: Decided) -> Option<Found> {
+    /// What follows from a stay whose t is counted from `shift`; `None` where this arithmetic cannot tell.
+    fn float<R: Divide>(
+        &self,
+        cell: u32,
+        seen: Seen<R>,
+        shift: f64,
+        corners: &[DVec3; 4],
+        values: &[f64; 4],
+        decided: Decided,
+    ) -> Option<Found> {
         const NOTHING: Option<Found> = Some(Found { piece: None, root: None });
-        let stay = match see::<R>(self.ray, corners, values, self.c) {
+        let stay = match seen {
             Seen::Beside => return NOTHING,
             Seen::Unclear => return None,
             Seen::Through(s) => s,
         };
-        let (t0, t1) = (stay.t[0].bounds(), stay.t[1].bounds());
+        let shifted = |(lo, hi): (f64, f64)| (below(two_sum(shift, lo)), -below(two_sum(-shift, -hi)));
+        let (t0, t1) = (shifted(stay.t[0].bounds()), shifted(stay.t[1].bounds()));
         let (from, to) = (self.part.from_f64, self.part.to_f64);
         if t1.1 < from.0 || t0.0 > to.1 {
             return NOTHING;
         }
         let (f0, f1) = (stay.f[0].sign()?, stay.f[1].sign()?);
         let (a, b) = (stay.f[0].x.f64(), stay.f[1].x.f64());
-        let (s0, s1) = (stay.t[0].x.f64(), stay.t[1].x.f64());
-        let slope = (b - a) / (s1 - s0);
+        let local = stay.t.map(|t| t.x.f64());
+        let (s0, s1) = (shift + local[0], shift + local[1]);
+        let slope = (b - a) / (local[1] - local[0]);
         let mut root = None;
         if f0 != f1 {
             // t0 + (t1 - t0) f0/(f0 - f1)
             let share = stay.f[0].over(stay.f[0].minus(stay.f[1]))?;
-            let (lo, hi) = stay.t[0].plus(stay.t[1].minus(stay.t[0]).times(share)).bounds();
+            let (lo, hi) = shifted(stay.t[0].plus(stay.t[1].minus(stay.t[0]).times(share)).bounds());
             if hi >= from.0 && lo <= to.1 {
                 // Certainly within what is looked at.
                 if !(lo > from.1 && hi < to.0 && narrow(lo, hi)) {

@@ -61,13 +61,18 @@ impl Index {
 
     /// All cells whose box the ray meets at a t in `[from, until]` and whose values come near c, in no order; perhaps some more.
     pub(crate) fn gather(&self, ray: &Ray, c: f64, from: f64, until: f64, out: &mut Vec<u32>) {
+        self.gather_where(ray, |least, greatest| far(least, greatest, c), from, until, out);
+    }
+
+    /// The same, leaving out boxes by the range of the values in them.
+    pub(crate) fn gather_where(&self, ray: &Ray, without: impl Fn(f64, f64) -> bool, from: f64, until: f64, out: &mut Vec<u32>) {
         /// 8u: above the 3u of a difference, a reciprocal and a product.
         const SLACK: f64 = 4.0 * f64::EPSILON;
         let inverse = 1.0 / ray.direction;
         let mut stack = vec![0u32];
         while let Some(i) = stack.pop() {
             let n = &self.nodes[i as usize];
-            if far(n.least, n.greatest, c) {
+            if without(n.least, n.greatest) {
                 continue;
             }
             let (mut enter, mut leave) = (from, until);

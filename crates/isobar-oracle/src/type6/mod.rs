@@ -5,6 +5,7 @@
 
 mod compose;
 mod exact;
+pub(crate) mod legs;
 #[cfg(test)]
 mod tests;
 

@@ -9,6 +9,7 @@ mod analytic;
 mod cells;
 mod clips;
 mod frames;
+mod hexes;
 mod random;
 mod support;
 mod type6;

@@ -189,7 +189,7 @@ pub(crate) fn list(all: &AllRoots, shift: f64) -> Vec<(f64, u32)> {
             let m = match r.multiplicity {
                 Multiplicity::Simple => 1,
                 Multiplicity::Even(m) | Multiplicity::Odd(m) => m,
-                Multiplicity::Interval => 0,
+                Multiplicity::Interval | Multiplicity::Unknown => 0,
             };
             (r.t() - shift, m)
         })
