@@ -50,7 +50,7 @@ pub enum Cause {
     },
     /// No known format.
     #[error(
-        "unknown format; isobar reads NRRD, NIfTI-1, VTI, VTU, legacy VTK, PLOT3D and NAME_WxHxD_TYPE.raw volumes, OFF and PLY meshes"
+        "unknown format; isobar reads NRRD, NIfTI-1, VTI, VTU, legacy VTK, PLOT3D, MFEM, NURBS (nurbs-volume JSON, G+Smo, GeoPDEs) and NAME_WxHxD_TYPE.raw volumes, OFF and PLY meshes"
     )]
     Unknown,
     /// A triangle mesh where a field is needed.

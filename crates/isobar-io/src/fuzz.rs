@@ -1,7 +1,7 @@
 //! The functions the fuzz targets call, one per format; the test `corpus` runs them on stable Rust. None may panic, whatever the bytes.
 
 use crate::input::{BytesInput, Input, Packing};
-use crate::{Cause, Loaded, Options, mesh, nifti1, nrrd, vti, vtk};
+use crate::{Cause, Loaded, Options, mesh, mfem, nifti1, nrrd, nurbs, vti, vtk};
 
 /// The default field, then the last of the fields there are, with NaN replaced.
 fn fields(bytes: &[u8], read: impl Fn(&dyn Input, &Options) -> Result<Loaded, Cause>) {
@@ -56,6 +56,26 @@ pub fn plot3d(bytes: &[u8]) {
 /// Legacy VTK.
 pub fn vtk(bytes: &[u8]) {
     fields(bytes, vtk::read);
+}
+
+/// NURBS volumes: the first byte says which text the rest is.
+pub fn nurbs(bytes: &[u8]) {
+    let Some((kind, rest)) = bytes.split_first() else { return };
+    fields(
+        rest,
+        match kind {
+            b'{' => |i: &dyn Input, o: &Options| nurbs::read_json(i, o),
+            b'<' => nurbs::read_gismo,
+            _ => nurbs::read_geopdes,
+        },
+    );
+}
+
+/// An MFEM mesh and its grid function in one, the function behind the first form feed.
+pub fn mfem(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(bytes);
+    let (mesh, function) = text.split_once('\u{c}').map_or((&*text, None), |(m, f)| (m, Some(f)));
+    fields(bytes, |_, o| mfem::read_both(mesh, function, o));
 }
 
 /// OFF.

@@ -1,7 +1,7 @@
 //! The only crate that opens a data file.
 //!
 //! [`load`] reads a volume (NRRD, NIfTI-1, VTI, legacy VTK structured points, raw with a telling name) or a mesh of cells with values (VTU, legacy VTK
-//! unstructured grids, PLOT3D; split into tetrahedra), [`load_mesh`] a triangle mesh (OFF, PLY);
+//! unstructured grids, PLOT3D; split into tetrahedra) or curved hexahedra (NURBS volumes, MFEM, Lagrange hexahedra; as Bezier elements), [`load_mesh`] a triangle mesh (OFF, PLY);
 //! [`write_nrrd`] writes a volume. The format is found by content, by name only for raw volumes. The table of formats with their limits is in
 //! the crate's README.
 //!
@@ -18,10 +18,14 @@ mod field;
 #[doc(hidden)]
 pub mod fuzz;
 mod input;
+mod lagrange;
 mod mesh;
+mod mfem;
+mod mfem_dofs;
 mod nifti1;
 mod nrrd;
 mod nrrd_write;
+mod nurbs;
 mod off;
 mod plot3d;
 mod ply;
@@ -56,7 +60,7 @@ pub struct Options {
 /// A volume read from a file.
 #[derive(Debug, Clone)]
 pub struct Loaded {
-    /// A grid or tetrahedra, world coordinates and lengths as in the file.
+    /// A grid, tetrahedra or Bezier elements, world coordinates and lengths as in the file.
     pub data: Data,
     /// Name of the field read; `value` where the format has no names.
     pub field: String,

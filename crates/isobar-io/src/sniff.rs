@@ -2,7 +2,7 @@
 
 use crate::error::Cause;
 use crate::input::{Input, Packing, head};
-use crate::{Loaded, Options, mesh, nifti1, nrrd, plot3d, raw, vti, vtk};
+use crate::{Loaded, Options, mesh, mfem, nifti1, nrrd, nurbs, plot3d, raw, vti, vtk};
 
 /// Enough for the NIfTI-1 header and for the first tag of an XML file.
 const HEAD: usize = 4096;
@@ -38,9 +38,17 @@ pub(crate) fn read(input: &dyn Input, o: &Options) -> Result<Loaded, Cause> {
         Some(Kind::Nrrd) => nrrd::read(input, o),
         Some(Kind::Vtk) => vtk::read(input, o),
         Some(Kind::VtkXml) => vti::read(input, o),
+        Some(Kind::NurbsJson) => nurbs::read_json(input, o),
+        Some(Kind::MfemFunction) => Err(Cause::Unsupported {
+            format: "MFEM",
+            what: "a grid function named alone".into(),
+            remedy: "name its mesh; the function of the same stem is found beside it",
+        }),
+        Some(Kind::Mfem) => mfem::read(input, o),
+        Some(Kind::Gismo) => nurbs::read_gismo(input, o),
+        Some(Kind::GeoPdes) => nurbs::read_geopdes(input, o),
         Some(Kind::Plot3d) => plot3d::read(input, o),
         Some(Kind::Mesh(format)) => Err(Cause::IsMesh(format)),
-        Some(Kind::NotYet(what)) => Err(Cause::NotYet(what.into())),
         None if lower.ends_with(".nii") => nifti1::read(input, packing, o),
         None => Err(Cause::Unknown),
     }
@@ -51,8 +59,12 @@ enum Kind {
     Vtk,
     VtkXml,
     Plot3d,
+    NurbsJson,
+    Gismo,
+    Mfem,
+    MfemFunction,
+    GeoPdes,
     Mesh(&'static str),
-    NotYet(&'static str),
 }
 
 fn kind(head: &[u8], name: &str, len: u64) -> Option<Kind> {
@@ -73,21 +85,21 @@ fn kind(head: &[u8], name: &str, len: u64) -> Option<Kind> {
         }
         // G+Smo: <xml> with Geometry elements.
         if text.contains("<Geometry") || text.contains("TensorBSpline") || text.contains("TensorNurbs") {
-            return Some(Kind::NotYet("a NURBS volume (G+Smo XML)"));
+            return Some(Kind::Gismo);
         }
         return None;
     }
     if text.starts_with("MFEM ") {
-        return Some(Kind::NotYet("an MFEM mesh"));
+        return Some(Kind::Mfem);
     }
     if text.starts_with("FiniteElementSpace") {
-        return Some(Kind::NotYet("an MFEM grid function"));
+        return Some(Kind::MfemFunction);
     }
     if text.starts_with('{') && text.contains("nurbs-volume") {
-        return Some(Kind::NotYet("a NURBS volume (JSON)"));
+        return Some(Kind::NurbsJson);
     }
     if text.starts_with("# nurbs mesh") {
-        return Some(Kind::NotYet("a NURBS volume (GeoPDEs text)"));
+        return Some(Kind::GeoPdes);
     }
     is_plot3d(head, name, len).then_some(Kind::Plot3d)
 }

@@ -66,6 +66,8 @@ pub(crate) struct Image {
     pub(crate) storage: Storage,
     /// A mesh, not an image.
     pub(crate) unstructured: bool,
+    /// The part of the file's version behind the point: 2 since VTK 9.
+    pub(crate) minor: u32,
     /// NumberOfPoints and NumberOfCells of a mesh.
     pub(crate) counts: [u64; 2],
     /// Arrays of Points (false) and Cells (true).
@@ -175,6 +177,7 @@ impl<'a> Scan<'a> {
                     appended: None,
                 },
                 unstructured: false,
+                minor: 0,
                 counts: [0; 2],
                 cells: Vec::new(),
                 extent: [0, -1, 0, -1, 0, -1],
@@ -271,6 +274,8 @@ impl<'a> Scan<'a> {
             return Err(Cause::NotYet(format!("VTK XML data of type {}", quoted(&kind))));
         }
         self.seen_file = true;
+        let version = attribute(tag, "version")?.unwrap_or_default();
+        self.image.minor = version.split_once('.').and_then(|(_, m)| m.trim().parse().ok()).unwrap_or(0);
         let s = &mut self.image.storage;
         s.big_endian = match attribute(tag, "byte_order")?.as_deref() {
             None | Some("LittleEndian") => false,

@@ -40,6 +40,8 @@ pub(crate) struct Scan<'a> {
     reader: Box<dyn BufRead + 'a>,
     /// Position of the reader, bytes.
     at: u64,
+    /// Of the file's first line.
+    pub(crate) version: (u32, u32),
     pub(crate) binary: bool,
     /// Geometry of an UNSTRUCTURED_GRID: POINTS, CELLS (or OFFSETS and CONNECTIVITY), CELL_TYPES by these names.
     pub(crate) cells: Option<Vec<Array>>,
@@ -120,6 +122,7 @@ impl<'a> Scan<'a> {
             input,
             reader: input.open(0)?,
             at: 0,
+            version: (0, 0),
             binary: false,
             cells: None,
             dims: None,
@@ -137,6 +140,8 @@ impl<'a> Scan<'a> {
         if !magic.to_ascii_lowercase().starts_with("# vtk datafile version") {
             return Err(malformed(format!("its first line is {}", quoted(&magic))));
         }
+        let version = magic.split_whitespace().last().and_then(|v| v.split_once('.'));
+        self.version = version.map_or((0, 0), |(a, b)| (a.parse().unwrap_or(0), b.parse().unwrap_or(0)));
         self.line()?.ok_or_else(cut)?;
         // Some writers leave a blank line after the title.
         let mut encoding = String::new();

@@ -7,8 +7,8 @@ use crate::error::{Cause, quoted};
 use crate::field::Named;
 use crate::sample::{Layout, Pick, numbers_binary, numbers_text, read_binary, read_text};
 use crate::vtk::{Array, Kind, Scan, malformed};
-use crate::vtu::ends;
-use crate::{Loaded, Options};
+use crate::vtu::{ends, picked};
+use crate::{Loaded, Options, lagrange};
 
 /// Reads the mesh of a scanned file.
 pub(crate) fn read(scan: &Scan<'_>, o: &Options) -> Result<Loaded, Cause> {
@@ -64,6 +64,19 @@ pub(crate) fn read(scan: &Scan<'_>, o: &Options) -> Result<Loaded, Cause> {
     }
     let layout = layout(array, array.named.components, choice.pick)?;
     let mut notes = Vec::new();
+    if types.contains(&f64::from(lagrange::TYPE)) {
+        let all = numbers(scan, array, array.named.components)?;
+        let cells = lagrange::Cells {
+            points,
+            types: types.iter().map(|&t| t as u8).collect(),
+            ends,
+            corners,
+            values: picked(&all, &layout),
+            on_cells,
+            new_numbering: scan.version >= (5, 1),
+        };
+        return cells.loaded(choice, fields, notes, o);
+    }
     let mut reader = scan.input.open(array.at)?;
     let samples = if scan.binary {
         read_binary(&mut *reader, &layout, &mut notes)?

@@ -8,7 +8,7 @@ use crate::field::Named;
 use crate::input::Input;
 use crate::sample::{Layout, Pick};
 use crate::vti::{Array, Image, Section, malformed};
-use crate::{Loaded, Options, vti_data};
+use crate::{Loaded, Options, lagrange, vti_data};
 
 /// Reads the mesh whose tags are `image`.
 pub(crate) fn read(input: &dyn Input, image: &Image, o: &Options) -> Result<Loaded, Cause> {
@@ -46,6 +46,19 @@ pub(crate) fn read(input: &dyn Input, image: &Image, o: &Options) -> Result<Load
     let on_cells = array.named.on_cells;
     let layout = layout(image, array, if on_cells { n_cells } else { n_points }, choice.pick)?;
     let mut notes = Vec::new();
+    if types.contains(&f64::from(lagrange::TYPE)) {
+        let all = vti_data::numbers(input, &image.storage, &array.place, &layout)?;
+        let cells = lagrange::Cells {
+            points,
+            types: types.iter().map(|&t| t as u8).collect(),
+            ends,
+            corners,
+            values: picked(&all, &layout),
+            on_cells,
+            new_numbering: image.minor >= 2,
+        };
+        return cells.loaded(choice, fields, notes, o);
+    }
     let samples = vti_data::read(input, &image.storage, &array.place, &layout, &mut notes)?;
     let values = (0..samples.len()).map(|i| samples.get(i) as f32).collect();
     let cells = Cells {
@@ -55,6 +68,16 @@ pub(crate) fn read(input: &dyn Input, image: &Image, o: &Options) -> Result<Load
         corners,
     };
     cells.loaded(values, on_cells, choice, fields, notes, o)
+}
+
+/// What `layout` picks of each tuple of all its numbers.
+pub(crate) fn picked(all: &[f64], layout: &Layout) -> Vec<f64> {
+    all.chunks_exact(layout.components)
+        .map(|t| match layout.pick {
+            Pick::Component(c) => t[c],
+            Pick::Magnitude => t.iter().map(|v| v * v).sum::<f64>().sqrt(),
+        })
+        .collect()
 }
 
 /// Offsets of the cells' ends: whole numbers that do not fall.

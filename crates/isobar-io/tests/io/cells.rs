@@ -311,7 +311,7 @@ fn meshes_that_lie_are_one_line() {
             "CELL_TYPES 2\n12 12",
             "3 cells but 2 CELL_TYPES",
         ),
-        (&legacy, "CELL_TYPES 3\n12 12 13", "CELL_TYPES 3\n12 12 72", "(Lagrange)"),
+        (&legacy, "CELL_TYPES 3\n12 12 13", "CELL_TYPES 3\n12 12 71", "(Lagrange)"),
         (&old, "CELLS 3 25", "CELLS 4 25", "declares 4 cells but holds 3"),
         (&old, "CELLS 3 25\n8", "CELLS 3 25\n80", "has 80 corners"),
         (&old, "POINT_DATA 14", "POINT_DATA 13", "names point"),

@@ -423,25 +423,21 @@ fn raw_volumes_must_have_the_size_of_their_name() {
 }
 
 #[test]
-fn what_is_not_read_yet_says_so() {
+fn files_of_other_kinds_and_beginnings_of_files_say_so() {
     let cases: [(&str, &[u8], &str); 10] = [
-        ("a.mesh", b"MFEM mesh v1.0\n\ndimension\n3\n", "an MFEM mesh is not read yet"),
+        ("a.mesh", b"MFEM mesh v1.0\n\ndimension\n3\n", "it ends early"),
         (
             "a.gf",
             b"FiniteElementSpace\nFiniteElementCollection: H1\n",
-            "grid function is not read yet",
+            "a grid function named alone is not supported; name its mesh",
         ),
-        (
-            "a.json",
-            b"{\"format\":\"nurbs-volume/1\"}",
-            "NURBS volume (JSON) is not read yet",
-        ),
+        ("a.json", b"{\"format\":\"nurbs-volume/1\"}", "missing field"),
         (
             "a.xml",
             b"<?xml version=\"1.0\"?>\n<xml>\n<Geometry type=\"TensorNurbs3\">",
             "G+Smo",
         ),
-        ("a.txt", b"# nurbs mesh v.2.1\n#\n", "GeoPDEs"),
+        ("a.txt", b"# nurbs mesh v.2.1\n#\n", "it ends where the dimension should be"),
         ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "triangle mesh (OFF)"),
         ("a.ply", b"ply\nformat ascii 1.0\n", "triangle mesh (PLY)"),
         ("a.txt", b"hello", "unknown format"),

@@ -5,6 +5,7 @@ mod cells;
 mod corpus;
 mod data;
 mod files;
+mod hexes;
 mod hostile;
 mod meshes;
 mod nifti1;

@@ -1,0 +1,592 @@
+//! `nurbs/cpu` and `nurbs/cpu-paper` as methods.
+
+use crate::candidates::Candidates;
+use crate::frustum::Frustum;
+use crate::paper::{self, Bounds};
+use crate::paper_cpu::{DrawPaper, epsilon};
+use crate::solve::{Found, Solver, Work};
+use isobar_core::{
+    Channels, Claim, Counters, Data, DataKind, Frame, Function, HexPatches, Hit, KnobKind, KnobSpec, Knobs, Memory, Method,
+    MethodInfo, RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Sampling, Scene, Stage, Stop, Surface, SurfaceKind,
+    TransferFunction, Unsupported, View,
+};
+use isobar_cpu::scene::{check_medium, check_open_cuts, check_request};
+use isobar_cpu::{Kernel, Level, PixelSink, Pool, Tile, TileOut, copy_frame, render_tiles};
+use isobar_fields::{HexField, Kind, algebraic_to_hexes, spline_to_hexes};
+use std::str::FromStr;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+/// The paper.
+pub(crate) const PAPER: &str = "Martin, Cohen and Kirby, Direct isosurface visualization of hex-based high-order geometry and attribute representations, IEEE TVCG 18(5), 2012";
+
+static INFO: MethodInfo = MethodInfo {
+    id: "nurbs/cpu",
+    summary: "every root on trivariate rational Bezier elements, with proofs in f64",
+    work_unit: "pieces",
+    knobs: &[
+        KnobSpec {
+            name: "reconstruction",
+            doc: "the spline a grid is turned into",
+            kind: KnobKind::Choice(Kind::NAMES),
+        },
+        KnobSpec {
+            name: "claims",
+            doc: "prove hits and misses (EXISTS, FIRST, EMPTY) where f64 arithmetic can",
+            kind: KnobKind::Choice(&["on", "off"]),
+        },
+    ],
+    ..INFO_BASE
+};
+
+static PAPER_INFO: MethodInfo = MethodInfo {
+    id: "nurbs/cpu-paper",
+    summary: "subdivision per pixel as printed: boxes about the origin, the sign of delta, Newton to a quarter pixel; no claims",
+    work_unit: "subdivisions",
+    knobs: &[
+        KnobSpec {
+            name: "reconstruction",
+            doc: "the spline a grid is turned into",
+            kind: KnobKind::Choice(Kind::NAMES),
+        },
+        KnobSpec {
+            name: "bounds",
+            doc: "bounding volume: box along the Jacobian, axis-aligned box, box along the principal axes of the coefficients",
+            kind: KnobKind::Choice(&["obb", "aabb", "pca"]),
+        },
+    ],
+    ..INFO_BASE
+};
+
+/// What both methods share.
+const INFO_BASE: MethodInfo = MethodInfo {
+    id: "",
+    summary: "",
+    paper: PAPER,
+    data: DataKind::HEXES.union(DataKind::GRID).union(DataKind::ALGEBRAIC),
+    hits: true,
+    gpu: false,
+    work_unit: "",
+    knobs: &[],
+    sweep: ("", &[]),
+};
+
+/// The methods of this crate.
+#[derive(Debug)]
+pub struct NurbsCpu {
+    paper: bool,
+}
+
+/// The method `nurbs/cpu`: all hits of isosurfaces, parametric surfaces and the boundary on rational Bezier elements; grids and polynomials are turned
+/// into such elements first. Open clipping planes. Pixel centres, and with `Sampling::PixelFrustum` the claim COVERED where the surface certainly passes through the
+/// pixel's square beside its centre.
+///
+/// Guarantee with `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none before it, with EMPTY none at all; derived in `solve.rs`. A pixel
+/// without them was not decided: LIMIT says that a contact is tangential, degenerate or at a face of an element to within rounding. With clipping planes only
+/// EXISTS is claimed.
+pub static NURBS_CPU: NurbsCpu = NurbsCpu { paper: false };
+
+/// The method `nurbs/cpu-paper`: the algorithm as printed, of isosurfaces only; see `paper.rs` for what is printed and what is not. No guarantee: hits are within about
+/// a quarter pixel of a root, and roots may be lost or found twice.
+pub static NURBS_CPU_PAPER: NurbsCpu = NurbsCpu { paper: true };
+
+impl NurbsCpu {
+    const fn own(&self) -> &'static MethodInfo {
+        if self.paper { &PAPER_INFO } else { &INFO }
+    }
+}
+
+impl Method for NurbsCpu {
+    fn info(&self) -> &'static MethodInfo {
+        self.own()
+    }
+
+    fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
+        let info = self.own();
+        check_kind(info, scene.data)?;
+        check_cells(info, scene.data)?;
+        check_surfaces(info, scene.surfaces)?;
+        check_medium(info, scene.medium)?;
+        check_open_cuts(info, scene.view)?;
+        check_sampling(info, request)
+    }
+
+    fn open(&self, request: &Request) -> Result<Box<dyn Renderer>, RenderError> {
+        let info = self.own();
+        check_sampling(info, request)?;
+        let settings = Settings::new(info, &request.knobs)?;
+        Ok(Box::new(Nurbs {
+            info,
+            pool: Pool::new(request.threads)?,
+            level: Level::detect(),
+            settings,
+            request: request.clone(),
+            source: None,
+            patches: None,
+            surfaces: None,
+            view: None,
+            candidates: None,
+            frame: None,
+            solvers: Mutex::default(),
+            work: Work::default(),
+            paper_work: paper::Work::default(),
+        }))
+    }
+}
+
+/// Pixel frusta are searched by the corrected form only.
+fn check_sampling(info: &MethodInfo, request: &Request) -> Result<(), Unsupported> {
+    if info.id == INFO.id {
+        Ok(())
+    } else {
+        check_request(info, request)
+    }
+}
+
+fn feature(info: &MethodInfo, what: impl Into<String>) -> Unsupported {
+    Unsupported::Feature {
+        method: info.id,
+        what: what.into(),
+    }
+}
+
+pub(crate) fn check_kind(info: &'static MethodInfo, data: &Data) -> Result<(), Unsupported> {
+    if info.data.contains(DataKind::of(data)) {
+        return Ok(());
+    }
+    Err(Unsupported::DataKind {
+        method: info.id,
+        can: info.data.words(),
+        given: data.kind(),
+    })
+}
+
+/// Grids become elements, which there may not be too many of.
+fn check_cells(info: &MethodInfo, data: &Data) -> Result<(), Unsupported> {
+    const MOST: usize = 1 << 22;
+    match data {
+        Data::Grid(g)
+            if g.dims
+                .iter()
+                .try_fold(1usize, |n, &d| n.checked_mul(d))
+                .is_none_or(|n| n > MOST) =>
+        {
+            Err(feature(info, format!("grids of more than {MOST} samples; crop it")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Isovalues that are finite, parameters in [0, 1] of an axis, boundaries.
+pub(crate) fn check_surfaces(info: &MethodInfo, surfaces: &[Surface]) -> Result<(), Unsupported> {
+    if surfaces.len() > 255 {
+        return Err(feature(info, format!("{} surfaces; 255 are the most", surfaces.len())));
+    }
+    for s in surfaces {
+        match s.kind {
+            SurfaceKind::Isovalue(c) if !c.is_finite() => {
+                return Err(feature(info, format!("the isovalue {c}; give a finite number")));
+            }
+            SurfaceKind::Isovalue(_) => {}
+            _ if info.id == PAPER_INFO.id => return Err(feature(info, "parametric and boundary surfaces; nurbs/cpu does")),
+            SurfaceKind::Boundary => {}
+            SurfaceKind::Parameter { axis, value } if axis < 3 && (0.0..=1.0).contains(&value) => {}
+            SurfaceKind::Parameter { axis, value } => {
+                return Err(feature(
+                    info,
+                    format!("the surface of parameter {axis} at {value}; give axis 0, 1 or 2 and a value from 0 to 1"),
+                ));
+            }
+            _ => return Err(feature(info, "surfaces of this kind")),
+        }
+    }
+    Ok(())
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Settings {
+    kind: Kind,
+    claims: bool,
+    /// The bounding volume of the paper's form; `None` for the other.
+    paper: Option<Bounds>,
+}
+
+impl Settings {
+    fn new(info: &'static MethodInfo, knobs: &Knobs) -> Result<Self, RenderError> {
+        let k = ResolvedKnobs::new(info.knobs, knobs)?;
+        let paper = (info.id == PAPER_INFO.id).then(|| match k.word("bounds") {
+            "aabb" => Bounds::Aabb,
+            "pca" => Bounds::Pca,
+            _ => Bounds::Obb,
+        });
+        Ok(Self {
+            kind: Kind::from_str(k.word("reconstruction"))?,
+            claims: paper.is_none() && k.word("claims") == "on",
+            paper,
+        })
+    }
+}
+
+/// The elements of some data: their own, or what grids and polynomials are turned into.
+pub(crate) fn elements(info: &'static MethodInfo, data: &Data, kind: Kind) -> Result<HexPatches, RenderError> {
+    check_kind(info, data)?;
+    Ok(match data {
+        Data::Hexes(h) => HexPatches::new(h.elements.clone())?,
+        Data::Grid(g) => spline_to_hexes(g, kind)?,
+        Data::Algebraic(a) => algebraic_to_hexes(a)?,
+        other => {
+            return Err(Unsupported::DataKind {
+                method: info.id,
+                can: info.data.words(),
+                given: other.kind(),
+            }
+            .into());
+        }
+    })
+}
+
+#[derive(Debug)]
+struct Nurbs {
+    info: &'static MethodInfo,
+    pool: Pool,
+    level: Level,
+    settings: Settings,
+    request: Request,
+    /// Kept to be turned into elements again.
+    source: Option<Arc<Data>>,
+    patches: Option<HexPatches>,
+    surfaces: Option<Vec<Surface>>,
+    view: Option<View>,
+    candidates: Option<Candidates>,
+    frame: Option<Frame>,
+    /// One per thread that has drawn a tile.
+    solvers: Mutex<Vec<Solver>>,
+    work: Work,
+    paper_work: paper::Work,
+}
+
+impl Nurbs {
+    fn prepare(&mut self) {
+        self.candidates = None;
+        if let (Some(p), Some(s)) = (&self.patches, &self.surfaces) {
+            self.candidates = Some(Candidates::new(p, s));
+        }
+    }
+}
+
+impl Renderer for Nurbs {
+    fn set_data(&mut self, data: &Arc<Data>) -> Result<(), RenderError> {
+        self.patches = Some(self.pool.install(|| elements(self.info, data, self.settings.kind))?);
+        self.source = Some(Arc::clone(data));
+        self.prepare();
+        Ok(())
+    }
+
+    fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {
+        check_surfaces(self.info, surfaces)?;
+        self.surfaces = Some(surfaces.to_vec());
+        self.prepare();
+        Ok(())
+    }
+
+    fn set_medium(&mut self, medium: Option<&TransferFunction>) -> Result<(), RenderError> {
+        Ok(check_medium(self.info, medium)?)
+    }
+
+    fn set_view(&mut self, view: &View) -> Result<(), RenderError> {
+        view.validate()?;
+        check_open_cuts(self.info, view)?;
+        self.view = Some(view.clone());
+        Ok(())
+    }
+
+    fn set_knobs(&mut self, knobs: &Knobs) -> Result<(), RenderError> {
+        let settings = Settings::new(self.info, knobs)?;
+        if settings.kind != self.settings.kind
+            && let Some(data) = &self.source
+            && matches!(**data, Data::Grid(_))
+        {
+            self.patches = Some(self.pool.install(|| elements(self.info, data, settings.kind))?);
+            self.prepare();
+        }
+        self.settings = settings;
+        Ok(())
+    }
+
+    fn render(&mut self, stop: &Stop) -> Result<RenderTime, RenderError> {
+        let patches = self.patches.as_ref().ok_or(RenderError::NotReady("set_data"))?;
+        let surfaces = self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
+        let view = self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?;
+        let candidates = self.candidates.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
+        let start = Instant::now();
+        let total = SharedWork::default();
+        let paper_total = Mutex::new(paper::Work::default());
+        let epsilon = epsilon(view);
+        let frame = self.frame.get_or_insert_with(Frame::default);
+        let solvers = &self.solvers;
+        let take = || solvers.lock().map_or_else(|_| None, |mut s| s.pop());
+        let result = render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
+            if let Some(bounds) = self.settings.paper {
+                let work = self.level.run(DrawPaper {
+                    patches,
+                    candidates,
+                    view,
+                    surfaces,
+                    bounds,
+                    epsilon,
+                    tile,
+                    out,
+                });
+                if let Ok(mut w) = paper_total.lock() {
+                    w.add(work);
+                }
+                return;
+            }
+            let mut solver = take().unwrap_or_default();
+            solver.work = Work::default();
+            let draw = DrawTile {
+                patches,
+                candidates,
+                view,
+                surfaces,
+                claims: self.settings.claims,
+                frusta: self.request.sampling == Sampling::PixelFrustum,
+                tile,
+                out,
+                solver: &mut solver,
+            };
+            self.level.run(draw);
+            total.add(solver.work);
+            if let Ok(mut s) = solvers.lock() {
+                s.push(solver);
+            }
+        });
+        if let Err(e) = result {
+            // A frame drawn in part is none.
+            self.frame = None;
+            return Err(e);
+        }
+        self.work = total.get();
+        self.paper_work = paper_total.into_inner().unwrap_or_default();
+        Ok(RenderTime {
+            wall: start.elapsed(),
+            device: None,
+        })
+    }
+
+    fn read(&mut self, out: &mut Frame) -> Result<(), RenderError> {
+        copy_frame(self.frame.as_ref().ok_or(RenderError::NotReady("render"))?, out);
+        Ok(())
+    }
+
+    fn reconstruction(&self, _stage: Stage) -> Option<Arc<dyn Function>> {
+        Some(Arc::new(HexField::new(self.patches.as_ref()?).ok()?))
+    }
+
+    fn memory(&self) -> Memory {
+        let own = match self.source.as_deref() {
+            Some(Data::Hexes(_)) | None => 0,
+            _ => self.patches.as_ref().map_or(0, |p| {
+                p.elements
+                    .iter()
+                    .map(|e| e.points.len() * 32 + e.values.len() * 8 + size_of_val(e))
+                    .sum()
+            }),
+        };
+        let scratch = self.solvers.lock().map_or(0, |s| s.iter().map(Solver::bytes).sum());
+        Memory {
+            coefficients: own as u64,
+            index: self.candidates.as_ref().map_or(0, Candidates::bytes) as u64,
+            view: scratch as u64,
+            device: 0,
+        }
+    }
+
+    fn counters(&self) -> Counters {
+        if self.settings.paper.is_some() {
+            let w = self.paper_work;
+            return Counters(vec![
+                ("subdivisions", w.subdivisions),
+                ("newton steps", w.newton),
+                ("undecided pixels", w.limits),
+                ("hits", w.hits),
+                ("lists", w.lists),
+                ("list entries", w.sizes),
+                ("squares of list sizes", w.squares),
+            ]);
+        }
+        let w = self.work;
+        Counters(vec![
+            ("elements entered", w.tasks),
+            ("pieces", w.pieces),
+            ("subdivisions", w.halvings),
+            ("newton steps", w.newton),
+            ("undecided pieces", w.limits),
+            ("hits", w.hits),
+            ("longest list", w.deepest),
+        ])
+    }
+}
+
+/// Work of all tiles.
+#[derive(Debug, Default)]
+struct SharedWork([AtomicU64; 7]);
+
+impl SharedWork {
+    fn add(&self, w: Work) {
+        let all = [w.tasks, w.pieces, w.halvings, w.newton, w.limits, w.hits];
+        for (total, n) in self.0.iter().zip(all) {
+            total.fetch_add(n, Ordering::Relaxed);
+        }
+        self.0[6].fetch_max(w.deepest, Ordering::Relaxed);
+    }
+
+    fn get(&self) -> Work {
+        let [tasks, pieces, halvings, newton, limits, hits, deepest] = std::array::from_fn(|i| self.0[i].load(Ordering::Relaxed));
+        Work {
+            tasks,
+            pieces,
+            halvings,
+            newton,
+            limits,
+            hits,
+            deepest,
+        }
+    }
+}
+
+/// One tile as a kernel.
+struct DrawTile<'a, 'b> {
+    patches: &'a HexPatches,
+    candidates: &'a Candidates,
+    view: &'a View,
+    surfaces: &'a [Surface],
+    claims: bool,
+    /// Whether pixels that the centre ray misses are searched as frusta.
+    frusta: bool,
+    tile: Tile,
+    out: &'a mut TileOut<'b>,
+    solver: &'a mut Solver,
+}
+
+impl Kernel for DrawTile<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            patches,
+            candidates,
+            view,
+            surfaces,
+            claims,
+            frusta,
+            tile,
+            out,
+            solver,
+        } = self;
+        let heat = out.holds(Channels::WORK);
+        let mut nodes = Vec::new();
+        for (frustum, (x0, y0)) in Frustum::of_tile(view, tile) {
+            solver.begin(frustum.rays.len(), heat);
+            candidates.visit(&frustum, &mut nodes, |task| {
+                solver.solve(&frustum, &patches.elements[task.element as usize], task);
+            });
+            solver
+                .found
+                .sort_unstable_by(|a, b| a.pixel.cmp(&b.pixel).then(a.t.total_cmp(&b.t)));
+            let mut covered = Vec::new();
+            if frusta && frustum.half > 0.0 {
+                let mut settled = vec![false; frustum.rays.len()];
+                solver.found.iter().for_each(|f| settled[usize::from(f.pixel)] = true);
+                covered = vec![false; settled.len()];
+                let wide = frustum.widened();
+                candidates.visit(&wide, &mut nodes, |task| {
+                    let element = &patches.elements[task.element as usize];
+                    solver.cover(&wide, element, task, &mut settled, &mut covered);
+                });
+            }
+            let mut rest: &[Found] = &solver.found;
+            let mut hits = 0;
+            for (i, ray) in frustum.rays.iter().enumerate() {
+                let n = rest.iter().take_while(|f| usize::from(f.pixel) == i).count();
+                let (own, more) = rest.split_at(n);
+                rest = more;
+                let (x, y) = (x0 + i % frustum.width, y0 + i / frustum.width);
+                let mut sink = PixelSink::new(out, x, y, &ray.ray, surfaces);
+                let mut claim = pixel(view, ray.ray, own, solver.undecided[i], claims, &mut sink);
+                if covered.get(i) == Some(&true) {
+                    claim |= Claim::COVERED;
+                }
+                hits += u64::from(sink.hits());
+                sink.finish(claim, solver.seen.as_ref().map_or(0, |s| s[i]));
+            }
+            solver.work.hits += hits;
+        }
+    }
+}
+
+/// The roots of one pixel, by t, as hits: those of one surface whose enclosures overlap are one. What may be claimed.
+#[inline(always)]
+pub(crate) fn pixel(
+    view: &View,
+    ray: isobar_core::Ray,
+    found: &[Found],
+    undecided: bool,
+    claims: bool,
+    sink: &mut PixelSink<'_, '_>,
+) -> Claim {
+    let clipped = !view.clips.is_empty();
+    let Some((first, last)) = view.kept(&ray) else {
+        return Claim::empty();
+    };
+    let mut claim = Claim::empty();
+    // Whether all roots so far are proved, and none may lie on either side of an end.
+    let mut sure = !undecided;
+    let mut wanted = true;
+    let mut i = 0;
+    while i < found.len() && wanted {
+        let (mut best, mut j) = (found[i], i + 1);
+        let (mut lo, mut hi) = (best.t - best.error, best.t + best.error);
+        // Roots are by t, not by the ends of their enclosures; other surfaces may stand between.
+        while let Some(next) = found.get(j).filter(|n| n.surface == best.surface && n.t - n.error <= hi) {
+            (lo, hi) = (lo.min(next.t - next.error), hi.max(next.t + next.error));
+            if !best.certain && next.certain || best.certain == next.certain && next.error < best.error {
+                best = *next;
+            }
+            j += 1;
+        }
+        i = j;
+        best.error = (best.t - lo).max(hi - best.t).max(best.error);
+        if hi < 0.0 || !best.t.is_finite() {
+            continue;
+        }
+        sure &= best.certain && lo >= 0.0;
+        if best.t < first || best.t > last {
+            continue;
+        }
+        let provable = claims && best.certain && (!clipped || lo >= first && hi <= last);
+        if sink.hits() == 0 && provable {
+            claim = if sure && !clipped {
+                Claim::EXISTS | Claim::FIRST
+            } else {
+                Claim::EXISTS
+            };
+        }
+        wanted = sink.push(&Hit {
+            t: best.t,
+            point: ray.at(best.t),
+            normal: best.normal.as_vec3().to_array(),
+            surface: best.surface,
+            t_error: if provable { best.error } else { f64::INFINITY },
+        });
+    }
+    if claims && sink.hits() == 0 && sure && !clipped {
+        claim = Claim::EMPTY;
+    }
+    if undecided || sink.hits() > 0 && claim.is_empty() || !sure && claim.is_empty() {
+        claim |= Claim::LIMIT;
+    }
+    claim
+}

@@ -1,0 +1,23 @@
+//! Martin, Cohen and Kirby, *Direct Isosurface Visualization of Hex-Based High-Order Geometry and Attribute Representations* (IEEE TVCG 2012).
+//!
+//! [`NURBS_CPU`] draws isosurfaces, parametric surfaces and the boundary of rational Bezier elements: all hits, proved with interval Newton on the
+//! system alpha = beta = gamma = 0. [`NURBS_CPU_PAPER`] is the algorithm as printed. The elements, Bezier algebra and readers are in `isobar_fields` and `isobar_io`.
+//!
+//! **Architecture invariants.** No other method is imported. Nothing prints.
+
+mod bernstein;
+mod candidates;
+mod cover;
+mod cpu;
+mod frustum;
+mod matrix;
+mod model;
+mod paper;
+mod paper_cpu;
+#[cfg(test)]
+mod proofs;
+mod solve;
+#[cfg(test)]
+mod tests;
+
+pub use cpu::{NURBS_CPU, NURBS_CPU_PAPER, NurbsCpu};

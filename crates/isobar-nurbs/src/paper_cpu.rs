@@ -1,0 +1,66 @@
+//! `nurbs/cpu-paper` on a tile: its epsilon, its filter, its pixels.
+
+use crate::candidates::Candidates;
+use crate::frustum::Frustum;
+use crate::paper::{self, Bounds, Paper};
+use crate::solve::Found;
+use isobar_core::{Camera, Claim, HexPatches, Hit, Surface, View};
+use isobar_cpu::{Kernel, PixelSink, Tile, TileOut};
+
+/// The paper's 1/(2h): as a slope or offset in the frame of the tile, and as the number it is. Lists of rays have no pixels: 1e-8 of the distance.
+pub(crate) fn epsilon(view: &View) -> [f64; 2] {
+    let printed = 0.5 / view.height as f64;
+    match &view.camera {
+        Camera::Perspective { fov, .. } => [(fov.to_radians() * 0.5).tan() * printed, printed],
+        Camera::Orthographic { height, .. } => [0.5 * height * printed, printed],
+        Camera::Rays(_) => [1e-8; 2],
+    }
+}
+
+/// One tile of the paper's form as a kernel.
+pub(crate) struct DrawPaper<'a, 'b> {
+    pub(crate) patches: &'a HexPatches,
+    pub(crate) candidates: &'a Candidates,
+    pub(crate) view: &'a View,
+    pub(crate) surfaces: &'a [Surface],
+    pub(crate) bounds: Bounds,
+    pub(crate) epsilon: [f64; 2],
+    pub(crate) tile: Tile,
+    pub(crate) out: &'a mut TileOut<'b>,
+}
+
+impl Kernel for DrawPaper<'_, '_> {
+    type Output = paper::Work;
+
+    fn run(self) -> paper::Work {
+        let mut solver = Paper::default();
+        for (frustum, (x0, y0)) in Frustum::of_tile(self.view, self.tile) {
+            solver.draw(&frustum, self.candidates, &self.patches.elements, self.bounds, self.epsilon);
+            let mut own: Vec<Vec<Found>> = vec![Vec::new(); frustum.rays.len()];
+            solver.found.iter().for_each(|f| own[usize::from(f.pixel)].push(*f));
+            for (i, ray) in frustum.rays.iter().enumerate() {
+                let list = &mut own[i];
+                Paper::filter(list, ray.ray.direction, self.epsilon[1]);
+                let (x, y) = (x0 + i % frustum.width, y0 + i / frustum.width);
+                let mut sink = PixelSink::new(self.out, x, y, &ray.ray, self.surfaces);
+                let kept = self.view.kept(&ray.ray).unwrap_or((f64::INFINITY, f64::INFINITY));
+                for f in list.iter().filter(|f| f.t >= kept.0 && f.t <= kept.1) {
+                    let more = sink.push(&Hit {
+                        t: f.t,
+                        point: ray.ray.at(f.t),
+                        normal: f.normal.as_vec3().to_array(),
+                        surface: f.surface,
+                        t_error: f64::INFINITY,
+                    });
+                    if !more {
+                        break;
+                    }
+                }
+                solver.work.hits += u64::from(sink.hits());
+                let claim = if solver.undecided[i] { Claim::LIMIT } else { Claim::empty() };
+                sink.finish(claim, solver.seen[i]);
+            }
+        }
+        solver.work
+    }
+}

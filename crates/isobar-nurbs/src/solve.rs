@@ -1,0 +1,507 @@
+//! All roots of one element's surface on the rays of a tile: subdivision shared by the pixels, ended by a proof of uniqueness and Newton's method.
+//!
+//! The system is the paper's P = (alpha, beta, gamma) (equations 13 to 15 as corrected in maths, section C): alpha, beta the ray's two planes, gamma the
+//! attribute minus the isovalue. A **piece** is a box of the element's parameters with its Bernstein coefficients and the rectangle of pixels that may
+//! see it. What the paper does pixel by pixel (section 4.1: subdivide, test a bounding box, Newton) is done here for all pixels of the rectangle at once:
+//!
+//! 1. gamma has one sign: no pixel sees a root. The rectangle shrinks to the pixels whose rays may pass the control points.
+//! 2. **Oriented test** (the paper's Jacobian OBB, section 4.1.2, in interval form): with m the middle of the piece, Y about the inverse of
+//!    the Jacobian J and E >= |Y J - I| over the piece, every root obeys `|u - m + Y P(m)| <= E |u - m|` in each component. Pixels where that leaves the piece have no root.
+//! 3. **Uniqueness** (interval Newton operator): where the greatest row sum rho of E is at most 1/2, P is injective on the piece: at most one root per pixel. Newton's method
+//!    finds it, and `|u - root| <= |Y P(u)| / (1 - rho)` encloses it: existence is proved where that ball lies in the slightly widened piece.
+//! 4. Else the piece is halved along the axis whose derivative varies most in E.
+//!
+//! **Roundings.** Every coefficient carries a bound of its error: that of forming it, and one rounding per halving and degree. A test only decides
+//! where the bound allows. A box that reaches the smallest size, or a surface that costs too many pieces, is reported for its pixels as undecided: tangential
+//! contacts end so.
+
+use crate::bernstein::{Lanes, Point, bases, count, halve, jet, range, value_roundings};
+use crate::frustum::{EPS, Frustum, PixelBox};
+use crate::matrix::{inverse, product};
+use crate::model::{Derivatives, Model, survivors};
+use glam::DVec3;
+use isobar_core::HexElement;
+
+/// Halvings along one axis, at most: parameters are then 1e-7 apart.
+pub(crate) const DEEPEST: u8 = 23;
+/// Pieces of one surface of one element in one tile, at most.
+const MOST_PIECES: u32 = 1 << 15;
+/// How far a piece is widened, in its own size, for the proof of existence.
+pub(crate) const WIDER: f64 = 1.0 / (1 << 12) as f64;
+/// What the widening multiplies ranges of derivatives by: `(1 + 2 WIDER)^60`, rounded up.
+pub(crate) const WIDENED: f64 = 1.03;
+/// Row sum up to which a piece counts as injective.
+const CONTRACTION: f64 = 0.5;
+/// Pixels for which a piece that is not injective is tested one by one.
+const FEW: usize = 64;
+/// Newton steps, at most.
+const STEPS: usize = 16;
+
+/// What is sought on an element.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Target {
+    /// a(u) = c.
+    Isovalue(f64),
+    /// `u[axis] = value`.
+    Parameter(u8, f64),
+}
+
+/// One surface of one element.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Task {
+    pub(crate) element: u32,
+    pub(crate) surface: u8,
+    pub(crate) target: Target,
+}
+
+/// A root.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Found {
+    /// Pixel of the frustum, row by row.
+    pub(crate) pixel: u16,
+    pub(crate) surface: u8,
+    /// Whether a root of the element certainly lies within `error` of t.
+    pub(crate) certain: bool,
+    pub(crate) t: f64,
+    pub(crate) error: f64,
+    /// World gradient direction, not of unit length; 0 where the map is singular.
+    pub(crate) normal: DVec3,
+}
+
+/// Counts of work.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Work {
+    pub(crate) tasks: u64,
+    pub(crate) pieces: u64,
+    pub(crate) halvings: u64,
+    pub(crate) newton: u64,
+    pub(crate) limits: u64,
+    pub(crate) hits: u64,
+    pub(crate) deepest: u64,
+}
+
+/// A box of parameters; its coefficients are at the top of the solver's stacks.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Piece {
+    pub(crate) pixels: PixelBox,
+    /// Halvings per axis.
+    pub(crate) depth: [u8; 3],
+    /// Halvings since each axis was halved.
+    pub(crate) since: [u8; 3],
+    /// Which faces are faces of the element: bit 2 a + side.
+    faces: u8,
+    /// Roundings, in units of the scale.
+    pub(crate) geometry: f64,
+    pub(crate) attribute: f64,
+}
+
+/// Scratch memory and results of one thread's tile.
+#[derive(Debug, Default)]
+pub(crate) struct Solver {
+    pub(crate) points: Vec<Point>,
+    pub(crate) values: Vec<f64>,
+    pub(crate) stack: Vec<Piece>,
+    pub(crate) found: Vec<Found>,
+    /// Per pixel: whether something was left undecided.
+    pub(crate) undecided: Vec<bool>,
+    /// Per pixel: pieces that were looked at for it, where asked for.
+    pub(crate) seen: Option<Vec<u32>>,
+    pub(crate) work: Work,
+}
+
+/// What is fixed for a task.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Constants {
+    /// Degrees of geometry and gamma.
+    pub(crate) g: [usize; 3],
+    pub(crate) h: [usize; 3],
+    /// Greatest magnitude of a homogeneous coordinate before cancellation; of a weight; of gamma.
+    pub(crate) scale: f64,
+    pub(crate) weight: f64,
+    pub(crate) gamma: f64,
+    /// The lane of D.
+    pub(crate) lane: usize,
+    /// The axis whose value the target fixes at an end of [0, 1].
+    face_axis: Option<usize>,
+}
+
+impl Solver {
+    /// Ready for the pixels of a frustum.
+    pub(crate) fn begin(&mut self, pixels: usize, heat: bool) {
+        self.found.clear();
+        self.undecided.clear();
+        self.undecided.resize(pixels, false);
+        self.seen = heat.then(|| vec![0; pixels]);
+    }
+
+    /// Bytes held.
+    pub(crate) fn bytes(&self) -> usize {
+        self.points.capacity() * 32
+            + self.values.capacity() * 8
+            + self.stack.capacity() * size_of::<Piece>()
+            + self.found.capacity() * size_of::<Found>()
+    }
+
+    /// Finds all roots of a task.
+    #[inline(always)]
+    pub(crate) fn solve(&mut self, f: &Frustum, element: &HexElement, task: &Task) {
+        let Some(k) = self.load(f, element, task) else { return };
+        self.work.tasks += 1;
+        let mut budget = MOST_PIECES;
+        while let Some(piece) = self.stack.pop() {
+            self.work.deepest = self.work.deepest.max(self.stack.len() as u64 + 1);
+            if budget == 0 {
+                self.leave(f, piece.pixels);
+                self.drop_piece(&k);
+                continue;
+            }
+            budget -= 1;
+            self.work.pieces += 1;
+            self.step(f, task, &k, piece);
+        }
+    }
+
+    /// The element's coefficients in the camera frame onto the stacks, and the whole element as the first piece.
+    #[inline(always)]
+    pub(crate) fn load(&mut self, f: &Frustum, e: &HexElement, task: &Task) -> Option<Constants> {
+        self.points.clear();
+        self.values.clear();
+        self.stack.clear();
+        let g = e.degree.map(usize::from);
+        let (mut scale, mut weight) = (0.0f64, 0.0f64);
+        for p in &e.points {
+            let d = DVec3::new(p[0], p[1], p[2]) - f.eye;
+            let w = p[3];
+            self.points
+                .push([w * f.right.dot(d), w * f.up.dot(d), w * f.forward.dot(d), w]);
+            scale = scale.max(w * (d.x.abs() + d.y.abs() + d.z.abs()));
+            weight = weight.max(w);
+        }
+        let mut h = e.value_degree.map(usize::from);
+        let mut face_axis = None;
+        match task.target {
+            Target::Isovalue(c) if e.rational_value => {
+                h = g;
+                self.values
+                    .extend(e.values.iter().zip(&e.points).map(|(a, p)| p[3] * (a - c)));
+            }
+            Target::Isovalue(c) => self.values.extend(e.values.iter().map(|a| a - c)),
+            Target::Parameter(axis, v) => {
+                h = [0; 3];
+                h[usize::from(axis)] = 1;
+                self.values.extend([-v, 1.0 - v]);
+                face_axis = (v == 0.0 || v == 1.0).then_some(usize::from(axis));
+            }
+        }
+        let gamma = self.values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        if !(scale.is_finite() && gamma.is_finite()) {
+            self.leave(f, f.all());
+            return None;
+        }
+        self.stack.push(Piece {
+            pixels: f.all(),
+            depth: [0; 3],
+            since: [0; 3],
+            faces: 0b11_1111,
+            // A difference, three products with their sum, the product with the weight.
+            geometry: 8.0,
+            attribute: 3.0,
+        });
+        Some(Constants {
+            g,
+            h,
+            scale,
+            weight,
+            gamma,
+            lane: if f.parallel { 3 } else { 2 },
+            face_axis,
+        })
+    }
+
+    pub(crate) fn drop_piece(&mut self, k: &Constants) {
+        self.points.truncate(self.points.len() - count(k.g));
+        self.values.truncate(self.values.len() - count(k.h));
+    }
+
+    /// Gives up on the pixels of a piece.
+    fn leave(&mut self, f: &Frustum, b: PixelBox) {
+        self.work.limits += 1;
+        for y in usize::from(b.y0)..=usize::from(b.y1) {
+            for x in usize::from(b.x0)..=usize::from(b.x1) {
+                self.undecided[y * f.width + x] = true;
+            }
+        }
+    }
+
+    /// One piece: decided, or halved.
+    #[inline(always)]
+    fn step(&mut self, f: &Frustum, task: &Task, k: &Constants, mut piece: Piece) {
+        let (np, nv) = (self.points.len() - count(k.g), self.values.len() - count(k.h));
+        let (points, values) = (&self.points[np..], &self.values[nv..]);
+        let noise = EPS * k.gamma * piece.attribute;
+        let (lo, hi) = range(values);
+        if lo > noise || hi < -noise {
+            return self.drop_piece(k);
+        }
+        let ends = range(points);
+        let Some(b) = project(f, k, &piece, points, ends) else {
+            return self.drop_piece(k);
+        };
+        piece.pixels = b;
+        if let Some(seen) = &mut self.seen {
+            for y in usize::from(b.y0)..=usize::from(b.y1) {
+                for x in usize::from(b.x0)..=usize::from(b.x1) {
+                    seen[y * f.width + x] += 1;
+                }
+            }
+        }
+        let derivatives = Derivatives::new(k, points, values);
+        let model = derivatives.model(f, k, &piece, points, values, ends.0[3]);
+        if let Some(m) = &model {
+            if m.rho <= CONTRACTION {
+                // Pixels whose root lies too near the piece's outside are left: they see it again in smaller pieces.
+                match self.finish(f, task, k, &piece, m) {
+                    Some(b) => piece.pixels = b,
+                    None => return self.drop_piece(k),
+                }
+            } else if b.pixels() <= FEW {
+                match survivors(f, k, m, b) {
+                    Some(b) => piece.pixels = b,
+                    None => return self.drop_piece(k),
+                }
+            }
+        }
+        let Some(axis) = derivatives.axis(f, k, &piece, model.as_ref()) else {
+            self.give_up(f, task, k, &piece);
+            return self.drop_piece(k);
+        };
+        self.split(k, piece, axis);
+    }
+
+    /// Replaces the piece at the top by its halves, the lower one on top.
+    #[inline(always)]
+    pub(crate) fn split(&mut self, k: &Constants, mut piece: Piece, axis: usize) {
+        self.work.halvings += 1;
+        let (n, m) = (count(k.g), count(k.h));
+        let (at, av) = (self.points.len(), self.values.len());
+        self.points.resize(at + n, [0.0; 4]);
+        self.values.resize(av + m, 0.0);
+        let (upper, lower) = self.points[at - n..].split_at_mut(n);
+        halve(k.g, axis, upper, lower);
+        let (upper, lower) = self.values[av - m..].split_at_mut(m);
+        halve(k.h, axis, upper, lower);
+        piece.geometry += k.g[axis] as f64;
+        piece.attribute += k.h[axis] as f64;
+        piece.depth[axis] += 1;
+        for (a, s) in piece.since.iter_mut().enumerate() {
+            *s = if a == axis { 0 } else { s.saturating_add(1) };
+        }
+        let mut upper = piece;
+        upper.faces &= !(1 << (2 * axis));
+        self.stack.push(upper);
+        piece.faces &= !(2 << (2 * axis));
+        self.stack.push(piece);
+    }
+
+    /// The pixels of an injective piece, one by one; a rectangle about those that could not be decided.
+    #[inline(always)]
+    fn finish(&mut self, f: &Frustum, task: &Task, k: &Constants, piece: &Piece, m: &Model) -> Option<PixelBox> {
+        let mut left = None;
+        let b = piece.pixels;
+        for y in usize::from(b.y0)..=usize::from(b.y1) {
+            for x in usize::from(b.x0)..=usize::from(b.x1) {
+                let pixel = y * f.width + x;
+                let d = m.step(f, k, pixel);
+                if m.excludes(d) {
+                    continue;
+                }
+                match self.newton(f, task, k, piece, m, pixel, d) {
+                    Outcome::Root(found) => self.found.push(found),
+                    Outcome::None => {}
+                    Outcome::Lost => left = Some(PixelBox::with(left, x as u16, y as u16)),
+                }
+            }
+        }
+        left
+    }
+
+    /// The root of one pixel in an injective piece.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "one step of one loop, split for length")]
+    fn newton(
+        &mut self,
+        f: &Frustum,
+        task: &Task,
+        k: &Constants,
+        piece: &Piece,
+        m: &Model,
+        pixel: usize,
+        d: [f64; 3],
+    ) -> Outcome {
+        let (np, nv) = (self.points.len() - count(k.g), self.values.len() - count(k.h));
+        let (points, values) = (&self.points[np..], &self.values[nv..]);
+        let ray = &f.rays[pixel];
+        let [s, r] = ray.slope;
+        let floor = m.noise.iter().fold(0.0f64, |a, &b| a.max(b)) / (1.0 - m.rho);
+        let mut u = [0, 1, 2].map(|i| (0.5 - d[i]).clamp(-WIDER, 1.0 + WIDER));
+        let mut before = f64::INFINITY;
+        for _ in 0..STEPS {
+            self.work.newton += 1;
+            let [p, pu, pv, pw] = jet(k.g, points, &bases(k.g, u));
+            let [a, au, av, aw] = jet(k.h, values, &bases(k.h, u));
+            let lane = k.lane;
+            let residual = [p[0] - s * p[lane], p[1] - r * p[lane], a];
+            let step = product(&m.y, residual);
+            let miss = step.iter().fold(0.0f64, |a, b| a.max(b.abs()));
+            let error = (miss / (1.0 - m.rho) + floor) * (1.0 + 1e-12) + 8.0 * EPS;
+            if !error.is_finite() {
+                return Outcome::Lost;
+            }
+            // A root u + v of the piece has |v| <= error and |v + Y P(u)| <= E |v|.
+            let outside = (0..3).any(|i| {
+                let (x, by) = (u[i] - step[i], m.rows[i] * error + m.noise[i] + 8.0 * EPS);
+                x + by < 0.0 || x - by > 1.0 || u[i] + error < 0.0 || u[i] - error > 1.0
+            });
+            if outside {
+                return Outcome::None;
+            }
+            let j = [
+                [pu, pv, pw].map(|q| q[0] - s * q[lane]),
+                [pu, pv, pw].map(|q| q[1] - r * q[lane]),
+                [au, av, aw],
+            ];
+            let own = inverse(&j)
+                .map(|y| product(&y, residual))
+                .filter(|d| d.iter().all(|x| x.is_finite()));
+            let by = own.unwrap_or(step);
+            // At the floor of the roundings, or no longer falling near it.
+            if miss <= floor || miss <= 1e-10 && miss >= 0.5 * before {
+                let inside = u.iter().all(|&x| x - error >= -WIDER && x + error <= 1.0 + WIDER);
+                if !inside {
+                    return Outcome::Lost;
+                }
+                let mut certain = true;
+                for (axis, &x) in u.iter().enumerate() {
+                    let face = |side: u8| piece.faces & (1 << (2 * axis + usize::from(side))) != 0 && k.face_axis != Some(axis);
+                    // At a face of the element the root may lie beyond it.
+                    let beyond = x - error < 0.0 && face(0) || x + error > 1.0 && face(1);
+                    certain &= !beyond;
+                }
+                // One more step to first order: where the equations are nearly dependent the floor is far above what is reached.
+                let last: Point = std::array::from_fn(|l| p[l] - (by[0] * pu[l] + by[1] * pv[l] + by[2] * pw[l]));
+                let depth = last[2] / last[3];
+                let reach: f64 = (0..3)
+                    .map(|i| {
+                        // Three steps: to the root and back, and what the first order leaves out.
+                        let e = step[i].abs() + 3.0 * by[i].abs() + m.noise[i] + m.rows[i] * error;
+                        (m.dz[i] + depth.abs() * m.dw[i]) * e
+                    })
+                    .sum::<f64>()
+                    * 1.01;
+                let noise = EPS * (piece.geometry + value_roundings(k.g)) * (k.scale + depth.abs() * k.weight);
+                let rounded = EPS * 16.0 * (depth.abs() + ray.start.abs());
+                return Outcome::Root(Found {
+                    pixel: pixel as u16,
+                    surface: task.surface,
+                    certain,
+                    t: (depth - ray.start) / ray.rate,
+                    error: ((reach + noise) / m.least_weight + rounded) / ray.rate.abs() * f.obliquity.max(1.0),
+                    normal: normal(f, p, [pu, pv, pw], [au, av, aw]),
+                });
+            }
+            let next = [0, 1, 2].map(|i| (u[i] - by[i]).clamp(-WIDER, 1.0 + WIDER));
+            if next == u {
+                return Outcome::Lost;
+            }
+            u = next;
+            before = miss;
+        }
+        Outcome::Lost
+    }
+
+    /// A piece of the smallest size: its pixels are undecided, and those whose rays pass it within the piece's own extent get an uncertain hit.
+    #[inline(always)]
+    fn give_up(&mut self, f: &Frustum, task: &Task, k: &Constants, piece: &Piece) {
+        self.leave(f, piece.pixels);
+        let (np, nv) = (self.points.len() - count(k.g), self.values.len() - count(k.h));
+        let (points, values) = (&self.points[np..], &self.values[nv..]);
+        let at = bases(k.g, [0.5; 3]);
+        let [p, pu, pv, pw] = jet(k.g, points, &at);
+        let [_, au, av, aw] = jet(k.h, values, &bases(k.h, [0.5; 3]));
+        let depth = p[2] / p[3];
+        let b = piece.pixels;
+        for y in usize::from(b.y0)..=usize::from(b.y1) {
+            for x in usize::from(b.x0)..=usize::from(b.x1) {
+                let pixel = y * f.width + x;
+                let ray = &f.rays[pixel];
+                let extent = [pu, pv, pw].iter().map(|q| (q[2] - depth * q[3]).abs() / p[3]).sum::<f64>();
+                self.found.push(Found {
+                    pixel: pixel as u16,
+                    surface: task.surface,
+                    certain: false,
+                    t: (depth - ray.start) / ray.rate,
+                    error: (extent + 1e-14 * depth.abs()) / ray.rate.abs(),
+                    normal: normal(f, p, [pu, pv, pw], [au, av, aw]),
+                });
+            }
+        }
+    }
+}
+
+enum Outcome {
+    Root(Found),
+    None,
+    Lost,
+}
+
+/// `J^-T grad_u gamma` in the world (maths C, equation 16), up to a positive factor.
+#[inline(always)]
+pub(crate) fn normal(f: &Frustum, p: Point, d: [Point; 3], g: [f64; 3]) -> DVec3 {
+    let [a, b, c] = d.map(|q| {
+        DVec3::new(
+            q[0] - p[0] / p[3] * q[3],
+            q[1] - p[1] / p[3] * q[3],
+            q[2] - p[2] / p[3] * q[3],
+        )
+    });
+    let (bc, ca, ab) = (b.cross(c), c.cross(a), a.cross(b));
+    let n = bc * g[0] + ca * g[1] + ab * g[2];
+    let n = n * a.dot(bc).signum();
+    let world = f.right * n.x + f.up * n.y + f.forward * n.z;
+    world.normalize_or(DVec3::ZERO)
+}
+
+/// The pixels whose rays may pass the control points of a piece; `None`: none do.
+#[inline(always)]
+pub(crate) fn project(f: &Frustum, k: &Constants, piece: &Piece, points: &[Point], (lo, hi): (Point, Point)) -> Option<PixelBox> {
+    let noise = EPS * piece.geometry * k.scale;
+    let (near, far) = (lo[k.lane], hi[k.lane]);
+    if !f.parallel && far < -noise {
+        return None;
+    }
+    // Rounding of the quotients, and of the coefficients, as a slope.
+    let heavy = if f.parallel { EPS * piece.geometry * k.weight } else { noise };
+    if near > 4.0 * heavy {
+        let (mut x, mut y) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
+        for p in points {
+            let d = p[k.lane];
+            let (a, b) = (p[0] / d, p[1] / d);
+            x = (x.0.least(a), x.1.most(a));
+            y = (y.0.least(b), y.1.most(b));
+        }
+        let slack = |q: (f64, f64)| {
+            let most = q.0.abs().max(q.1.abs());
+            let by = (noise + most * heavy) / near * 1.5 + 4.0 * EPS * most;
+            (q.0 - by, q.1 + by)
+        };
+        return f.narrow(piece.pixels, slack(x), slack(y));
+    }
+    // Points before and behind the eye: no quotients. A linear form that is negative on all control points is negative on the piece, and
+    // not negative on the rays.
+    let [(s, ds), (r, dr)] = f.slopes(piece.pixels);
+    let most = noise + heavy * (f.reach + 1.0);
+    let outside = [(0, s - ds, 1.0), (0, s + ds, -1.0), (1, r - dr, 1.0), (1, r + dr, -1.0)]
+        .iter()
+        .any(|&(lane, slope, sign)| points.iter().all(|p| sign * (p[lane] - slope * p[k.lane]) < -2.0 * most));
+    (!outside).then_some(piece.pixels)
+}
