@@ -1,0 +1,367 @@
+//! The medium: cells of a block front to back, each pixel's stays blended over each other, with the isosurface hits of the pixel where they lie.
+//!
+//! **Mixing** (section 10): the paper cuts the integration at isovalues, in a table per set of isovalues. Here the hits are known exactly, so each fragment is cut at
+//! the hits inside its stay: in front of it the medium, then the surface, then the rest. The cost does not depend on the number of isovalues, surfaces may be
+//! semi-transparent, and every hit is blended once.
+
+use crate::blocks::{AREA, Block, CellBins, SIDE};
+use crate::cells::{CellOnScreen, Screen};
+use crate::mesh::Cells;
+use crate::order::Order;
+use crate::tables::{Integrator, LANES};
+use glam::Vec4;
+use isobar_cpu::Kernel;
+use std::collections::HashMap;
+
+/// Lanes as steps, and as bits.
+const STEPS: [f64; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+const BITS: [u64; LANES] = [1, 2, 4, 8, 16, 32, 64, 128];
+/// Transmittance below which what is behind cannot be seen: a tenth of a part in 2^16.
+const OPAQUE: f32 = 1.5e-6;
+
+/// A surface hit on a pixel, front to back.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Crossing {
+    /// Depth along the line of sight.
+    pub(crate) depth: f64,
+    /// Premultiplied colour and minus the opacity.
+    pub(crate) colour: Vec4,
+}
+
+/// Hits of a block's pixels.
+#[derive(Debug)]
+pub(crate) struct Crossings {
+    /// Where each pixel's begin, and the end.
+    pub(crate) starts: Vec<u32>,
+    pub(crate) all: Vec<Crossing>,
+}
+
+/// Work of a block.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct VolumeWork {
+    /// Cells set up, once per block.
+    pub(crate) cells: u64,
+    /// Stays of rays in cells.
+    pub(crate) fragments: u64,
+    /// Fragments that begin in front of the end of what was blended before: out of order.
+    pub(crate) disordered: u64,
+    /// Pixels with such fragments.
+    pub(crate) disordered_pixels: u64,
+    /// Fragments sorted per pixel, of cells in cycles.
+    pub(crate) sorted: u64,
+}
+
+/// Everything of a view that blocks share.
+#[derive(Debug)]
+pub(crate) struct Scene<'a, I> {
+    pub(crate) mesh: &'a Cells,
+    pub(crate) screen: &'a Screen,
+    pub(crate) bins: &'a CellBins,
+    /// The group of each cell in a cycle.
+    pub(crate) groups: &'a HashMap<u32, u32>,
+    pub(crate) integrator: &'a I,
+}
+
+/// The group of each cell in a cycle.
+pub(crate) fn groups(order: &Order) -> HashMap<u32, u32> {
+    let places = order.groups.iter().enumerate();
+    places
+        .flat_map(|(g, range)| {
+            order.cells[range.start as usize..range.end as usize]
+                .iter()
+                .map(move |&c| (c, g as u32))
+        })
+        .collect()
+}
+
+/// One block to draw.
+pub(crate) struct DrawBlock<'a, I> {
+    pub(crate) scene: &'a Scene<'a, I>,
+    pub(crate) block: Block,
+    pub(crate) crossings: &'a Crossings,
+}
+
+impl<I: Integrator> Kernel for DrawBlock<'_, I> {
+    type Output = (Vec<[f32; 4]>, VolumeWork);
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let mut canvas = Canvas::new(&self);
+        let mut group: Option<(u32, Vec<u32>)> = None;
+        for (n, cell) in self.scene.bins.of(self.block).enumerate() {
+            let here = if self.scene.groups.is_empty() {
+                None
+            } else {
+                self.scene.groups.get(&cell).copied()
+            };
+            if let Some((g, cells)) = &mut group {
+                if here == Some(*g) {
+                    cells.push(cell);
+                    continue;
+                }
+                canvas.draw_sorted(&self, cells);
+                group = None;
+            }
+            match here {
+                Some(g) => group = Some((g, vec![cell])),
+                None => canvas.draw(&self, cell, None),
+            }
+            if n % 512 == 511 && canvas.colour.iter().all(|c| c.w <= OPAQUE) {
+                break;
+            }
+        }
+        if let Some((_, cells)) = group {
+            canvas.draw_sorted(&self, &cells);
+        }
+        canvas.finish(&self)
+    }
+}
+
+/// A ray's stay in a cell with what it needs to be blended.
+#[derive(Debug, Clone, Copy)]
+struct Fragment {
+    pixel: u16,
+    /// Depths.
+    from: f64,
+    to: f64,
+    /// Values there.
+    front: f64,
+    back: f64,
+}
+
+/// The pixels of a block.
+struct Canvas {
+    /// Premultiplied colour and transmittance.
+    colour: Box<[Vec4; AREA]>,
+    /// World length per depth; lanes may reach beyond the last pixel.
+    stretch: Box<[f64; AREA + LANES]>,
+    /// Depth of the next hit of each pixel, and which it is.
+    next: Box<[f64; AREA]>,
+    place: Vec<u32>,
+    /// Where the last fragment of each pixel began.
+    last: Box<[f64; AREA]>,
+    disordered: Box<[bool; AREA]>,
+    /// Centred coordinates of the first pixel.
+    corner: [f64; 2],
+    work: VolumeWork,
+}
+
+impl Canvas {
+    #[inline(always)]
+    fn new<I>(job: &DrawBlock<'_, I>) -> Self {
+        let p = &job.scene.screen.projection;
+        let first = p.first_pixel();
+        let corner = [first[0] + job.block.x as f64, first[1] + job.block.y as f64];
+        let direction = |i: usize| {
+            let (x, y) = (corner[0] + (i % SIDE) as f64, corner[1] + (i / SIDE) as f64);
+            (p.rows[2] + p.steps[0] * x + p.steps[1] * y).length()
+        };
+        let starts = &job.crossings.starts;
+        let next = |i: usize| {
+            let here = &job.crossings.all[starts[i] as usize..starts[i + 1] as usize];
+            here.first().map_or(f64::INFINITY, |c| c.depth)
+        };
+        Self {
+            colour: Box::new([Vec4::W; AREA]),
+            stretch: Box::new(std::array::from_fn(|i| if p.perspective { direction(i) } else { 1.0 })),
+            next: Box::new(std::array::from_fn(next)),
+            place: starts[..AREA].to_vec(),
+            last: Box::new([f64::NEG_INFINITY; AREA]),
+            disordered: Box::new([false; AREA]),
+            corner,
+            work: VolumeWork::default(),
+        }
+    }
+
+    /// Blends the fragments of a cell, or keeps them in `kept`.
+    #[inline(always)]
+    fn draw<I: Integrator>(&mut self, job: &DrawBlock<'_, I>, cell: u32, mut kept: Option<&mut Vec<Fragment>>) {
+        let screen = job.scene.screen;
+        let corners = &job.scene.mesh.cells[cell as usize];
+        let Some([x0, x1, y0, y1]) = screen.bounds(corners) else {
+            return;
+        };
+        let (bx, by, most) = (job.block.x as i32, job.block.y as i32, SIDE as i32 - 1);
+        let (x0, x1) = ((x0 - bx).max(0) as usize, (x1 - bx).min(most) as usize);
+        let (y0, y1) = ((y0 - by).max(0) as usize, (y1 - by).min(most) as usize);
+        let values = job.scene.mesh.values(cell);
+        let perspective = screen.projection.perspective;
+        let c = CellOnScreen::new(perspective, &corners.map(|i| screen.points[i as usize]), &values);
+        self.work.cells += 1;
+        for y in y0..=y1 {
+            let cy = self.corner[1] + y as f64;
+            let rows: [f64; 4] = std::array::from_fn(|k| c.keys[k][1] * cy + c.keys[k][2]);
+            let (start_row, rise_row) = (c.start[1] * cy + c.start[2], c.rise[1] * cy + c.rise[2]);
+            // Runs begin at the cell's first column, wherever that is: cells are narrow.
+            for x in (x0..=x1).step_by(LANES) {
+                let first = self.corner[0] + x as f64;
+                let cx = STEPS.map(|i| first + i);
+                // In front of the eye, or of the plane rays start on.
+                let mut entry = [if perspective { f64::INFINITY } else { 0.0 }; LANES];
+                let mut exit = [if perspective { 0.0 } else { f64::NEG_INFINITY }; LANES];
+                for (key, row) in c.keys.iter().zip(&rows).take(c.entries) {
+                    for i in 0..LANES {
+                        let v = key[0] * cx[i] + row;
+                        entry[i] = if v < entry[i] { v } else { entry[i] };
+                    }
+                }
+                for (key, row) in c.keys.iter().zip(&rows).skip(c.entries) {
+                    for i in 0..LANES {
+                        let v = key[0] * cx[i] + row;
+                        exit[i] = if v > exit[i] { v } else { exit[i] };
+                    }
+                }
+                let mut inside = [0u64; LANES];
+                for i in 0..LANES {
+                    inside[i] = if exit[i] < entry[i] { BITS[i] } else { 0 };
+                }
+                let mut covered = inside.iter().fold(0, |all, bit| all | bit) as u32;
+                covered &= (1 << (x1 - x + 1).min(LANES)) - 1;
+                if covered == 0 {
+                    continue;
+                }
+                let (mut near, mut far) = ([0.0; LANES], [0.0; LANES]);
+                let (mut front, mut back) = ([0.0; LANES], [0.0; LANES]);
+                for i in 0..LANES {
+                    near[i] = if perspective { 1.0 / entry[i] } else { -entry[i] };
+                    far[i] = if perspective { 1.0 / exit[i] } else { -exit[i] };
+                    let start = c.start[0] * cx[i] + start_row;
+                    let rise = c.rise[0] * cx[i] + rise_row;
+                    front[i] = start + near[i] * rise;
+                    back[i] = start + far[i] * rise;
+                }
+                let at = y * SIDE + x;
+                if let Some(kept) = &mut kept {
+                    kept.extend((0..LANES).filter(|i| covered >> i & 1 != 0).map(|i| Fragment {
+                        pixel: (at + i) as u16,
+                        from: near[i],
+                        to: far[i],
+                        front: front[i],
+                        back: back[i],
+                    }));
+                    continue;
+                }
+                let stretch: &[f64; LANES] = self.stretch[at..at + LANES].try_into().expect("as many as lanes");
+                let mut length = [0.0; LANES];
+                for i in 0..LANES {
+                    length[i] = (far[i] - near[i]) * stretch[i];
+                }
+                let places = job.scene.integrator.places(&front, &back, &length);
+                self.work.fragments += u64::from(covered.count_ones());
+                while covered != 0 {
+                    let i = covered.trailing_zeros() as usize % LANES;
+                    covered &= covered - 1;
+                    let pixel = (at + i) % AREA;
+                    self.check(pixel, near[i]);
+                    let colour = self.colour[pixel];
+                    if colour.w <= OPAQUE {
+                        continue;
+                    }
+                    if self.next[pixel] < far[i] {
+                        let fragment = Fragment {
+                            pixel: pixel as u16,
+                            from: near[i],
+                            to: far[i],
+                            front: front[i],
+                            back: back[i],
+                        };
+                        self.mix(job, fragment);
+                    } else {
+                        let texel = job.scene.integrator.at(places[0][i], places[1][i], places[2][i]);
+                        self.colour[pixel] = colour + texel * colour.w;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Counts what is out of order.
+    #[inline(always)]
+    fn check(&mut self, pixel: usize, from: f64) {
+        // Neighbours agree on the depth of their face to rounding.
+        if from < self.last[pixel] - 1e-9 * from.abs() {
+            self.work.disordered += 1;
+            self.disordered[pixel] = true;
+        }
+        self.last[pixel] = from;
+    }
+
+    #[inline(always)]
+    fn add(&mut self, i: usize, texel: Vec4) {
+        let c = self.colour[i];
+        self.colour[i] = c + texel * c.w;
+    }
+
+    /// A fragment with hits in front of its end, if it has some.
+    #[cold]
+    #[inline(never)]
+    fn mix<I: Integrator>(&mut self, job: &DrawBlock<'_, I>, f: Fragment) {
+        let i = usize::from(f.pixel);
+        let (mut from, mut front) = (f.from, f.front);
+        let per = (f.back - f.front) / (f.to - f.from);
+        while self.next[i] < f.to {
+            let depth = self.next[i].max(from);
+            if depth > from {
+                let value = f.front + per * (depth - f.from);
+                let texel = job.scene.integrator.stretch(front, value, (depth - from) * self.stretch[i]);
+                self.add(i, texel);
+                (from, front) = (depth, value);
+            }
+            self.surface(job, i);
+        }
+        if self.colour[i].w > OPAQUE {
+            let texel = job.scene.integrator.stretch(front, f.back, (f.to - from) * self.stretch[i]);
+            self.add(i, texel);
+        }
+    }
+
+    /// Blends the next hit of a pixel.
+    fn surface<I>(&mut self, job: &DrawBlock<'_, I>, i: usize) {
+        let at = self.place[i] as usize;
+        self.add(i, job.crossings.all[at].colour);
+        self.place[i] += 1;
+        let left = at + 1 < job.crossings.starts[i + 1] as usize;
+        self.next[i] = if left {
+            job.crossings.all[at + 1].depth
+        } else {
+            f64::INFINITY
+        };
+    }
+
+    /// Cells that hide each other in a cycle: each pixel's fragments in their own order.
+    #[cold]
+    #[inline(never)]
+    fn draw_sorted<I: Integrator>(&mut self, job: &DrawBlock<'_, I>, cells: &[u32]) {
+        let mut all: Vec<Fragment> = Vec::new();
+        for &cell in cells {
+            self.draw(job, cell, Some(&mut all));
+        }
+        all.sort_by(|a, b| {
+            a.pixel
+                .cmp(&b.pixel)
+                .then(a.from.total_cmp(&b.from))
+                .then(a.to.total_cmp(&b.to))
+        });
+        self.work.sorted += all.len() as u64;
+        self.work.fragments += all.len() as u64;
+        for f in all {
+            let pixel = usize::from(f.pixel);
+            self.check(pixel, f.from);
+            if self.colour[pixel].w > OPAQUE {
+                self.mix(job, f);
+            }
+        }
+    }
+
+    /// The surfaces behind all cells, and the image: premultiplied colour and opacity.
+    fn finish<I>(mut self, job: &DrawBlock<'_, I>) -> (Vec<[f32; 4]>, VolumeWork) {
+        for i in 0..AREA {
+            while self.next[i] < f64::INFINITY {
+                self.surface(job, i);
+            }
+        }
+        let opacity = |c: &Vec4| [c.x, c.y, c.z, 1.0 - c.w];
+        self.work.disordered_pixels = self.disordered.iter().filter(|d| **d).count() as u64;
+        (self.colour.iter().map(opacity).collect(), self.work)
+    }
+}
