@@ -1,0 +1,248 @@
+//! The settings of both methods.
+
+use crate::filter::Filter;
+use crate::paper::Mode;
+use crate::sampling::Law;
+use crate::tables::{MOST_PEAKS, Reach};
+use isobar_core::{DataKind, KnobKind, KnobSpec, Knobs, MethodInfo, RenderError, ResolvedKnobs};
+
+const RECONSTRUCTION: KnobSpec = KnobSpec {
+    name: "reconstruction",
+    doc: "the function drawn; bc21: the filter of Mitchell and Netravali with B = 2, C = 1",
+    kind: KnobKind::Choice(Filter::NAMES),
+};
+
+const MODE: KnobSpec = KnobSpec {
+    name: "mode",
+    doc: "peaks and medium, either in each segment, or one of the two; isovalues count as peaks",
+    kind: KnobKind::Choice(MODES),
+};
+const MODES: &[&str] = &["default", "peak_xor_dvr", "peak_only", "dvr_only"];
+
+const MACROCELLS: KnobSpec = KnobSpec {
+    name: "macrocells",
+    doc: "pass empty space in blocks of 4^3 cells",
+    kind: KnobKind::Choice(&["on", "off"]),
+};
+
+pub(crate) static EXACT: MethodInfo = MethodInfo {
+    id: "peaks/cpu",
+    summary: "transfer functions and isovalues: every peak crossing found exactly, the medium between integrated cell by cell",
+    paper: "Knoll, Hijazi, Westerteiger, Schott, Hansen, Hagen, Volume ray casting with peak finding and differential sampling, IEEE Vis 2009",
+    data: DataKind::GRID,
+    hits: true,
+    gpu: false,
+    work_unit: "cells composed",
+    knobs: &[
+        RECONSTRUCTION,
+        MODE,
+        KnobSpec {
+            name: "claims",
+            doc: "prove hits and misses (EXISTS, FIRST, EMPTY) where there is no medium to be seen",
+            kind: KnobKind::Choice(&["on", "off"]),
+        },
+        MACROCELLS,
+        KnobSpec {
+            name: "tolerance",
+            doc: "of the medium: distance of the field from its chords, as a part of its range, and colour error of a stretch",
+            kind: KnobKind::Float {
+                default: 1.0 / 1024.0,
+                min: 1e-7,
+                max: 1.0,
+            },
+        },
+    ],
+    sweep: ("tolerance", &["0.1", "0.01", "0.001", "0.0001", "0.00001"]),
+};
+
+pub(crate) static PAPER: MethodInfo = MethodInfo {
+    id: "peaks/cpu-paper",
+    summary: "as printed: sampled rays, peaks by the rule of signs and three secant steps; post-classification and pre-integration",
+    paper: EXACT.paper,
+    data: DataKind::GRID,
+    hits: true,
+    gpu: false,
+    work_unit: "evaluations of the field",
+    knobs: &[
+        RECONSTRUCTION,
+        MODE,
+        MACROCELLS,
+        KnobSpec {
+            name: "sampling",
+            doc: "how steps grow along a ray; printed: by increments that fall short of the closed form",
+            kind: KnobKind::Choice(Law::NAMES),
+        },
+        KnobSpec {
+            name: "sk",
+            doc: "steps at the image plane, in pixel footprints there",
+            kind: KnobKind::Float {
+                default: 4.0,
+                min: 1e-15,
+                max: 1e6,
+            },
+        },
+        KnobSpec {
+            name: "step",
+            doc: "uniform steps (and those of lists of rays), in voxels",
+            kind: KnobKind::Float {
+                default: 1.0,
+                min: 1e-15,
+                max: 1e6,
+            },
+        },
+        KnobSpec {
+            name: "precision",
+            doc: "of positions along a ray; single: summed, as on the paper's GPU",
+            kind: KnobKind::Choice(&["double", "single"]),
+        },
+        KnobSpec {
+            name: "multiplier",
+            doc: "longer steps in macrocells with a small standard deviation",
+            kind: KnobKind::Choice(&["off", "on"]),
+        },
+        KnobSpec {
+            name: "integration",
+            doc: "of the medium on a segment; lum differs from engel only where it is shaded",
+            kind: KnobKind::Choice(&["post", "engel", "lum", "analytic"]),
+        },
+        KnobSpec {
+            name: "shading",
+            doc: "shade the medium by the gradient",
+            kind: KnobKind::Choice(&["off", "on"]),
+        },
+        KnobSpec {
+            name: "iterations",
+            doc: "steps of the secant method",
+            kind: KnobKind::Int {
+                default: 3,
+                min: 1,
+                max: 64,
+            },
+        },
+        KnobSpec {
+            name: "bins",
+            doc: "of the peak table, per axis",
+            kind: KnobKind::Int {
+                default: 128,
+                min: 2,
+                max: 4096,
+            },
+        },
+        KnobSpec {
+            name: "table",
+            doc: "the peak table: all peaks its bins touch, or those between the middles of its bins",
+            kind: KnobKind::Choice(&["covering", "printed"]),
+        },
+        KnobSpec {
+            name: "peaks",
+            doc: "most peaks in a segment",
+            kind: KnobKind::Int {
+                default: 4,
+                min: 1,
+                max: MOST_PEAKS as i64,
+            },
+        },
+        KnobSpec {
+            name: "preintegration",
+            doc: "bins of the pre-integration table, per axis",
+            kind: KnobKind::Int {
+                default: 256,
+                min: 2,
+                max: 4096,
+            },
+        },
+    ],
+    sweep: ("sk", &["32", "16", "8", "4", "2", "1", "0.5", "0.25"]),
+};
+
+/// Which of the two methods.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Variant {
+    Exact,
+    Paper,
+}
+
+impl Variant {
+    pub(crate) const fn info(self) -> &'static MethodInfo {
+        match self {
+            Self::Exact => &EXACT,
+            Self::Paper => &PAPER,
+        }
+    }
+}
+
+/// Which pre-integration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Scheme {
+    Post,
+    Table,
+    Smooth,
+    Analytic,
+}
+
+/// What the sampled ray adds.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Sampled {
+    pub(crate) law: Law,
+    pub(crate) s_k: f64,
+    pub(crate) step: f64,
+    pub(crate) single: bool,
+    pub(crate) multiplier: bool,
+    pub(crate) scheme: Scheme,
+    pub(crate) shaded: bool,
+    pub(crate) iterations: u32,
+    pub(crate) bins: usize,
+    pub(crate) reach: Reach,
+    pub(crate) peaks: usize,
+    pub(crate) segments: usize,
+}
+
+/// Settings, resolved.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Settings {
+    pub(crate) filter: Filter,
+    pub(crate) mode: Mode,
+    pub(crate) claims: bool,
+    pub(crate) macrocells: bool,
+    pub(crate) tolerance: f64,
+    pub(crate) sampled: Option<Sampled>,
+}
+
+impl Settings {
+    pub(crate) fn new(variant: Variant, knobs: &Knobs) -> Result<Self, RenderError> {
+        let k = ResolvedKnobs::new(variant.info().knobs, knobs)?;
+        let place = |name: &str, words: &[&str]| words.iter().position(|w| *w == k.word(name)).unwrap_or(0);
+        let modes = [Mode::Both, Mode::Either, Mode::Peaks, Mode::Medium];
+        let schemes = [Scheme::Post, Scheme::Table, Scheme::Smooth, Scheme::Analytic];
+        let count = |name: &str| k.int(name) as usize;
+        Ok(Self {
+            filter: k.word("reconstruction").parse()?,
+            mode: modes[place("mode", MODES)],
+            claims: variant == Variant::Exact && k.word("claims") == "on",
+            macrocells: k.word("macrocells") == "on",
+            tolerance: if variant == Variant::Exact {
+                k.float("tolerance")
+            } else {
+                0.0
+            },
+            sampled: (variant == Variant::Paper).then(|| Sampled {
+                law: Law::named(k.word("sampling")).unwrap_or(Law::Differential),
+                s_k: k.float("sk"),
+                step: k.float("step"),
+                single: k.word("precision") == "single",
+                multiplier: k.word("multiplier") == "on",
+                scheme: schemes[place("integration", &["post", "engel", "lum", "analytic"])],
+                shaded: k.word("shading") == "on",
+                iterations: k.int("iterations") as u32,
+                bins: count("bins"),
+                reach: if k.word("table") == "printed" {
+                    Reach::Printed
+                } else {
+                    Reach::Covering
+                },
+                peaks: count("peaks"),
+                segments: count("preintegration"),
+            }),
+        })
+    }
+}

@@ -1,0 +1,329 @@
+//! The transfer function made ready: its integrals over the value, so that a stretch along which the field is linear is integrated without a table.
+//!
+//! With the extinction r(f) and the colour c(f) piecewise linear in the value f, `T(f) = integral of r` is piecewise quadratic and `K(f) = integral of c r`
+//! piecewise cubic. A stretch of length h along which f runs linearly from f0 to f1 has the optical depth `h (T(f1) - T(f0)) / (f1 - f0)`, exactly, and the
+//! mean colour `(K(f1) - K(f0)) / (T(f1) - T(f0))`. That is the pre-integration of Engel et al. 2001 (their equation of integral functions) without its table: no
+//! quantisation of values, so that a feature of any width counts in full.
+
+use crate::interval::Intervals;
+use isobar_core::TransferFunction;
+
+/// T and the three K at a value.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Sums {
+    /// Integral of the extinction per world length over the value.
+    pub depth: f64,
+    /// Integral of extinction times linear RGB.
+    pub colour: [f64; 3],
+}
+
+/// One linear piece, from its lower end on.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    value: f64,
+    extinction: [f64; 2],
+    colour: [[f64; 2]; 3],
+    before: Sums,
+}
+
+impl Piece {
+    #[inline(always)]
+    fn sums(&self, value: f64) -> Sums {
+        let x = value - self.value;
+        let [r, s] = self.extinction;
+        let half = 0.5 * x;
+        let third = x * (1.0 / 3.0);
+        let k = |i: usize| {
+            let [c, d] = self.colour[i];
+            self.before.colour[i] + x * (c * r + half * (c * s + d * r) + third * x * (d * s))
+        };
+        Sums {
+            depth: self.before.depth + x * (r + half * s),
+            colour: [k(0), k(1), k(2)],
+        }
+    }
+}
+
+/// Buckets of the search for a value's piece.
+const BUCKETS: usize = 1024;
+
+/// A transfer function with its integrals.
+#[derive(Debug, Clone)]
+pub struct Medium {
+    /// The first begins nowhere (constant), the last ends nowhere.
+    pieces: Vec<Piece>,
+    /// Per bucket of [first, last value], the piece its lower end is in.
+    buckets: Vec<u32>,
+    first: f64,
+    per_bucket: f64,
+    support: Intervals,
+}
+
+impl Medium {
+    /// Prepares a transfer function that [`TransferFunction::new`] accepts. Time linear in its points.
+    ///
+    /// # Panics
+    /// When it has no points.
+    #[must_use]
+    pub fn new(tf: &TransferFunction) -> Self {
+        let p = &tf.points;
+        let (first, last) = (p[0], p[p.len() - 1]);
+        let constant = |(value, colour, density): (f64, [f32; 3], f32)| Piece {
+            value,
+            extinction: [f64::from(density) / tf.unit, 0.0],
+            colour: colour.map(|c| [f64::from(c), 0.0]),
+            before: Sums::default(),
+        };
+        let mut pieces = vec![constant(first)];
+        let mut support = Vec::new();
+        if first.2 > 0.0 {
+            support.push((f64::NEG_INFINITY, first.0));
+        }
+        for w in p.windows(2) {
+            let (a, b) = (w[0], w[1]);
+            let width = b.0 - a.0;
+            let line = |x: f64, y: f64| [x, (y - x) / width];
+            let before = pieces[pieces.len() - 1].sums(a.0);
+            pieces.push(Piece {
+                value: a.0,
+                extinction: line(f64::from(a.2) / tf.unit, f64::from(b.2) / tf.unit),
+                colour: std::array::from_fn(|i| line(a.1[i].into(), b.1[i].into())),
+                before,
+            });
+            if a.2 > 0.0 || b.2 > 0.0 {
+                support.push((a.0, b.0));
+            }
+        }
+        let before = pieces[pieces.len() - 1].sums(last.0);
+        pieces.push(Piece {
+            before,
+            ..constant(last)
+        });
+        if last.2 > 0.0 {
+            support.push((last.0, f64::INFINITY));
+        }
+        let width = last.0 - first.0;
+        let per_bucket = if width > 0.0 { BUCKETS as f64 / width } else { 0.0 };
+        let mut at = 1;
+        let buckets = (0..BUCKETS)
+            .map(|i| {
+                let value = first.0 + i as f64 * width / BUCKETS as f64;
+                // One piece early, since the bucket of a value is rounded.
+                while at + 2 < pieces.len() && pieces[at + 1].value <= value {
+                    at += 1;
+                }
+                at.saturating_sub(1) as u32
+            })
+            .collect();
+        Self {
+            pieces,
+            buckets,
+            first: first.0,
+            per_bucket,
+            support: Intervals::new(support, 0.0),
+        }
+    }
+
+    /// Values with extinction, as closed intervals.
+    #[must_use]
+    pub(crate) fn support(&self) -> &Intervals {
+        &self.support
+    }
+
+    #[inline(always)]
+    fn piece(&self, value: f64) -> &Piece {
+        // `as` sends what is below to 0 and NaN too.
+        let bucket = (((value - self.first) * self.per_bucket) as usize).min(BUCKETS - 1);
+        let mut i = self.buckets[bucket] as usize;
+        while i + 1 < self.pieces.len() && self.pieces[i + 1].value <= value {
+            i += 1;
+        }
+        &self.pieces[i]
+    }
+
+    /// T and K at a value.
+    #[must_use]
+    #[inline(always)]
+    pub fn sums(&self, value: f64) -> Sums {
+        self.piece(value).sums(value)
+    }
+
+    /// Extinction per world length and linear RGB at a value.
+    #[must_use]
+    #[inline(always)]
+    pub fn at(&self, value: f64) -> (f64, [f64; 3]) {
+        let p = self.piece(value);
+        let x = if std::ptr::eq(p, &raw const self.pieces[0]) {
+            0.0
+        } else {
+            value - p.value
+        };
+        let line = |[a, b]: [f64; 2]| a + x * b;
+        (line(p.extinction), [line(p.colour[0]), line(p.colour[1]), line(p.colour[2])])
+    }
+
+    /// Optical depth of a stretch of the given world length along which the field runs linearly from value `a` to `b`, with `sums` of both; and its
+    /// mean colour. The depth is exact but for rounding; the colour leaves out attenuation inside the stretch (none where the colour is constant).
+    #[must_use]
+    #[inline(always)]
+    pub fn stretch(&self, a: f64, b: f64, sums: [&Sums; 2], length: f64) -> (f64, [f64; 3]) {
+        let depth = sums[1].depth - sums[0].depth;
+        let rise = b - a;
+        // Differences of T lose their digits where the values hardly differ; there the middle stands for all.
+        if rise.abs() <= 1e-7 * (a.abs() + b.abs()) || rise == 0.0 {
+            let (r, c) = self.at(0.5 * (a + b));
+            return (r * length, c);
+        }
+        if depth == 0.0 {
+            return (0.0, [0.0; 3]);
+        }
+        let k = 1.0 / depth;
+        let c = |i: usize| ((sums[1].colour[i] - sums[0].colour[i]) * k).clamp(0.0, 1.0);
+        ((depth / rise * length).max(0.0), [c(0), c(1), c(2)])
+    }
+}
+
+impl Medium {
+    /// The width of the narrowest linear piece with extinction that meets [lo, hi]; +inf where there is none.
+    pub(crate) fn finest(&self, lo: f64, hi: f64) -> f64 {
+        let inner = &self.pieces[1..];
+        let from = inner.partition_point(|p| p.value <= lo).saturating_sub(1);
+        let meets = inner[from..].windows(2).take_while(|w| w[0].value <= hi);
+        let visible = meets.filter(|w| w[0].extinction != [0.0; 2]);
+        visible.map(|w| w[1].value - w[0].value).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Cuts the run of values from `a` to `b` at the transfer function's points, in the order met.
+    pub(crate) fn pieces_between(&self, a: f64, b: f64, mut each: impl FnMut(f64, f64)) {
+        let rising = a <= b;
+        let (low, high) = if rising { (a, b) } else { (b, a) };
+        let inner = &self.pieces[1..];
+        let from = inner.partition_point(|p| p.value <= low);
+        let to = inner.partition_point(|p| p.value < high);
+        let mut at = a;
+        for i in 0..to.saturating_sub(from) {
+            let next = inner[if rising { from + i } else { to - 1 - i }].value;
+            each(at, next);
+            at = next;
+        }
+        each(at, b);
+    }
+}
+
+/// 1 - exp(-depth), without loss for thin stretches.
+#[must_use]
+#[inline(always)]
+pub fn opacity(depth: f64) -> f64 {
+    if depth < 1e-3 {
+        // The next term is below 1e-14 of the depth.
+        depth * (1.0 - depth * (0.5 - depth * (1.0 / 6.0 - depth * (1.0 / 24.0))))
+    } else {
+        1.0 - (-depth).exp()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tf(points: &[(f64, [f32; 3], f32)], unit: f64) -> TransferFunction {
+        TransferFunction::new(points.to_vec(), unit).unwrap()
+    }
+
+    /// T and K against sums of many small steps of core's evaluation.
+    #[test]
+    fn integrals_are_those_of_the_function() {
+        let f = tf(
+            &[
+                (1.0, [0.2, 0.0, 1.0], 0.5),
+                (2.0, [1.0, 0.5, 0.0], 2.0),
+                (2.01, [0.0, 0.5, 0.5], 9.0),
+                (2.02, [0.0, 0.0, 0.5], 0.0),
+                (5.0, [0.3, 0.0, 0.0], 1.0),
+            ],
+            0.25,
+        );
+        let m = Medium::new(&f);
+        let (mut depth, mut colour) = (0.0, [0.0; 3]);
+        let n = 60_000;
+        let (lo, hi) = (0.0, 6.0);
+        let h = (hi - lo) / f64::from(n);
+        let start = m.sums(lo);
+        for i in 0..n {
+            let v = lo + (f64::from(i) + 0.5) * h;
+            let (c, density) = f.at(v);
+            let (e, rgb) = m.at(v);
+            assert!((e - density / 0.25).abs() < 1e-9 && (rgb[0] - c[0]).abs() < 1e-9, "at {v}");
+            depth += e * h;
+            for k in 0..3 {
+                colour[k] += e * rgb[k] * h;
+            }
+            let s = m.sums(v + 0.5 * h);
+            assert!((s.depth - start.depth - depth).abs() < 1e-4, "depth at {v}");
+            assert!((s.colour[0] - start.colour[0] - colour[0]).abs() < 1e-4, "colour at {v}");
+        }
+    }
+
+    #[test]
+    fn a_stretch_has_its_exact_depth() {
+        // hardcases E5: constant and linear extinction
+        let m = Medium::new(&tf(&[(0.0, [1.0; 3], 2.0), (1.0, [1.0; 3], 2.0)], 1.0));
+        let (d, c) = m.stretch(0.2, 0.9, [&m.sums(0.2), &m.sums(0.9)], 3.0);
+        assert!((d - 6.0).abs() < 1e-12 && c == [1.0; 3]);
+        let m = Medium::new(&tf(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 1.0)], 1.0));
+        let (d, _) = m.stretch(0.9, 0.3, [&m.sums(0.9), &m.sums(0.3)], 2.0);
+        assert!((d - 1.2).abs() < 1e-12);
+        let (d, _) = m.stretch(0.4, 0.4, [&m.sums(0.4), &m.sums(0.4)], 2.0);
+        assert!((d - 0.8).abs() < 1e-12);
+        assert!((opacity(1e-5) - 9.999_950_000_166_665e-6).abs() < 1e-18);
+        assert!((opacity(2.0) - (1.0 - (-2.0f64).exp())).abs() < 1e-15);
+    }
+
+    #[test]
+    fn runs_of_values_are_cut_at_the_points() {
+        let c = [0.0; 3];
+        let m = Medium::new(&tf(&[(0.0, c, 0.0), (1.0, c, 1.0), (2.0, c, 0.0), (3.0, c, 0.0)], 1.0));
+        let cut = |a: f64, b: f64| {
+            let mut out = vec![a];
+            m.pieces_between(a, b, |x, y| {
+                assert_eq!(x, out[out.len() - 1]);
+                out.push(y);
+            });
+            out
+        };
+        assert_eq!(cut(0.5, 2.5), [0.5, 1.0, 2.0, 2.5]);
+        assert_eq!(cut(2.5, 0.5), [2.5, 2.0, 1.0, 0.5]);
+        assert_eq!(cut(1.0, 2.0), [1.0, 2.0]);
+        assert_eq!(cut(1.2, 1.4), [1.2, 1.4]);
+        assert_eq!(cut(-5.0, 9.0), [-5.0, 0.0, 1.0, 2.0, 3.0, 9.0]);
+        let m = Medium::new(&tf(&[(0.0, c, 1.0), (1.0, c, 1.0), (1.25, c, 0.0), (1.3, c, 0.0)], 1.0));
+        assert_eq!(
+            [m.finest(0.2, 0.4), m.finest(0.2, 1.1), m.finest(1.1, 9.0)],
+            [1.0, 0.25, 0.25]
+        );
+        assert_eq!(m.finest(1.26, 9.0), f64::INFINITY);
+    }
+
+    #[test]
+    fn a_single_point_is_constant() {
+        let m = Medium::new(&tf(&[(3.0, [0.5; 3], 0.7)], 2.0));
+        assert_eq!(m.at(-10.0), (0.35_f32.into(), [0.5; 3]));
+        assert!((m.sums(5.0).depth - m.sums(1.0).depth - 1.4).abs() < 1e-6);
+        assert!(m.support().meets(-1e9, -1e8));
+    }
+
+    #[test]
+    fn support_is_where_there_is_extinction() {
+        let m = Medium::new(&tf(
+            &[
+                (0.0, [0.0; 3], 0.0),
+                (1.0, [0.0; 3], 1.0),
+                (2.0, [0.0; 3], 0.0),
+                (3.0, [0.0; 3], 0.0),
+            ],
+            1.0,
+        ));
+        assert!(m.support().meets(0.5, 0.6) && m.support().meets(1.5, 9.0));
+        assert!(!m.support().meets(2.5, 9.0) && !m.support().meets(-3.0, -0.1));
+    }
+}
