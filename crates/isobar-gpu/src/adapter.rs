@@ -112,7 +112,9 @@ fn list(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
 pub(crate) fn choose(instance: &wgpu::Instance, wanted: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
     let mut all = list(instance);
     let reports: Vec<_> = all.iter().map(AdapterReport::of).collect();
-    if reports.is_empty() && let Some(why) = absent_driver(|v| std::env::var_os(v)) {
+    if reports.is_empty()
+        && let Some(why) = absent_driver(|v| std::env::var_os(v))
+    {
         return Err(GpuError::NoAdapter(why));
     }
     pick(&reports, wanted).map(|i| all.swap_remove(i))

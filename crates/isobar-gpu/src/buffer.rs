@@ -29,6 +29,14 @@ impl Gpu {
         self.buffer(what, bytes, self.binding_limit(), STORAGE)
     }
 
+    /// As [`Gpu::storage_empty`], for arguments of indirect dispatches and draws too.
+    ///
+    /// # Errors
+    /// As [`Gpu::storage_empty`].
+    pub fn indirect_empty(&self, what: &str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
+        self.buffer(what, bytes, self.binding_limit(), STORAGE | wgpu::BufferUsages::INDIRECT)
+    }
+
     /// A storage buffer holding `data`.
     ///
     /// # Errors

@@ -5,13 +5,14 @@
 //! needs it. Calls into wgpu belong inside [`Gpu::guard`] (all functions here are), which turns what wgpu reports into
 //! [`GpuError`]; nothing here panics on a lost device, a full memory or a refused shader.
 //!
-//! **Architecture invariants.** No method's mathematics, no data files, no threads of its own.
+//! **Architecture invariants.** No method's mathematics, no data files, no threads of its own (rays are made on the caller's pool).
 
 mod adapter;
 mod buffer;
 mod context;
 mod error;
 mod raster;
+pub mod rays;
 pub mod shader;
 mod testing;
 mod texture;

@@ -14,11 +14,13 @@ pub type Snippets = &'static [(&'static str, &'static str)];
 ///
 /// - `volume_f32`, `volume_u32`, `volume_i32`: declare the 3D texture `volume` at group 0, binding 0, and
 ///   `fn texel(p: vec3<i32>) -> f32`, one sample, exactly;
+/// - `fixed_ray`: `struct FixedRay`, as [`crate::rays::FixedRay`], and its points and direction in f32 about any cell;
 /// - `shade`: `fn shade(colour, normal, direction) -> vec3<f32>`, the twin of `isobar_core::shade`, and `fn over(front, back)`.
 pub const SHARED: Snippets = &[
     ("volume_f32", include_str!("../shaders/volume_f32.wgsl")),
     ("volume_u32", include_str!("../shaders/volume_u32.wgsl")),
     ("volume_i32", include_str!("../shaders/volume_i32.wgsl")),
+    ("fixed_ray", include_str!("../shaders/fixed_ray.wgsl")),
     ("shade", include_str!("../shaders/shade.wgsl")),
 ];
 

@@ -77,18 +77,31 @@ pub struct Work<'a> {
 impl<'a> Work<'a> {
     /// One compute pass with one dispatch of `groups` workgroups.
     pub fn compute(&mut self, kernel: &Kernel, bind: &wgpu::BindGroup, groups: [u32; 3]) {
+        let mut pass = self.pass();
+        pass.set_pipeline(&kernel.pipeline);
+        pass.set_bind_group(0, bind, &[]);
+        pass.dispatch_workgroups(groups[0], groups[1], groups[2]);
+    }
+
+    /// As [`Work::compute`], with the number of workgroups (three u32) read by the device from `buffer` at byte `offset`: see [`Gpu::indirect_empty`].
+    pub fn compute_indirect(&mut self, kernel: &Kernel, bind: &wgpu::BindGroup, buffer: &wgpu::Buffer, offset: u64) {
+        let mut pass = self.pass();
+        pass.set_pipeline(&kernel.pipeline);
+        pass.set_bind_group(0, bind, &[]);
+        pass.dispatch_workgroups_indirect(buffer, offset);
+    }
+
+    /// A compute pass, timed where the next one is.
+    fn pass(&mut self) -> wgpu::ComputePass<'_> {
         let timestamp_writes = self.next_pass().map(|(query_set, i)| wgpu::ComputePassTimestampWrites {
             query_set,
             beginning_of_pass_write_index: Some(2 * i),
             end_of_pass_write_index: Some(2 * i + 1),
         });
-        let mut pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+        self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: None,
             timestamp_writes,
-        });
-        pass.set_pipeline(&kernel.pipeline);
-        pass.set_bind_group(0, bind, &[]);
-        pass.dispatch_workgroups(groups[0], groups[1], groups[2]);
+        })
     }
 
     /// One render pass into `target`. `clear`: colour (linear, premultiplied) and depth to start from; `None` keeps what is there.
@@ -269,6 +282,25 @@ mod tests {
             .map(|x| x.wrapping_mul(3))
             .collect();
         assert_eq!(gpu.read::<u32>(&sum, n).unwrap(), want);
+    }
+
+    /// The device's own number of workgroups is taken.
+    #[test]
+    fn an_indirect_dispatch_takes_its_size_from_the_buffer() {
+        const MARK: &str = "
+            @group(0) @binding(0) var<storage, read_write> seen: array<u32>;
+            @compute @workgroup_size(1)
+            fn main(@builtin(workgroup_id) group: vec3<u32>) { seen[group.y * 3u + group.x] = 7u; }";
+        let Some(gpu) = test_adapter("an_indirect_dispatch_takes_its_size_from_the_buffer") else {
+            return;
+        };
+        let kernel = Kernel::new(&gpu, "mark", MARK, "main").unwrap();
+        let seen = gpu.storage_empty("seen", 40).unwrap();
+        let size = gpu.indirect_empty("size", 16).unwrap();
+        gpu.write(&size, bytemuck::cast_slice(&[9u32, 3, 2, 1])).unwrap();
+        let bind = kernel.bind(&gpu, &[(0, seen.as_entire_binding())]).unwrap();
+        gpu.run("mark", 0, |w| w.compute_indirect(&kernel, &bind, &size, 4)).unwrap();
+        assert_eq!(gpu.read::<u32>(&seen, 10).unwrap(), [7, 7, 7, 7, 7, 7, 0, 0, 0, 0]);
     }
 
     #[test]

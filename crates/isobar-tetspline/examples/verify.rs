@@ -1,5 +1,6 @@
 //! Draws a scene with several settings, holds each frame against the oracle, and gives the CPU time of a frame (least of five, all threads):
-//! `cargo run --release -p isobar-tetspline --example verify -- FILE|NAME,n=64 ISOVALUE [WIDTHxHEIGHT]`. Synthetic data are seen in the bench view, files in the default one.
+//! `cargo run --release -p isobar-tetspline --example verify -- FILE|NAME,n=64 ISOVALUE [WIDTHxHEIGHT] [gpu]`. `gpu`: `tetspline/gpu` and its variants,
+//! with `--features gpu`. Synthetic data are seen in the bench view, files in the default one.
 
 use isobar_core::{Channels, Data, Frame, Knobs, Method, Request, Stage, Stop, Surface, View};
 use isobar_fields::Synthetic;
@@ -11,6 +12,38 @@ use std::sync::Arc;
 fn cpu_seconds() -> f64 {
     let t = clock_gettime(ClockId::ProcessCPUTime);
     t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9
+}
+
+/// A method and the settings it is drawn with.
+fn method(name: &str) -> Result<(&'static dyn Method, Vec<Knobs>), Box<dyn std::error::Error>> {
+    let with = |name: &'static str, value: &'static str| Knobs::default().with(name, value);
+    match name {
+        "cpu" => Ok((
+            &isobar_tetspline::TETSPLINE_CPU,
+            vec![
+                Knobs::default(),
+                with("classify", "data"),
+                with("roots", "newton3"),
+                with("classify", "paper"),
+            ],
+        )),
+        #[cfg(feature = "gpu")]
+        "gpu" => Ok((
+            &isobar_tetspline::TETSPLINE_GPU,
+            vec![
+                Knobs::default(),
+                with("coefficients", "determining-set"),
+                with("roots", "hull"),
+                with("roots", "analytic"),
+                with("roots", "newton3"),
+                with("rays", "interpolated"),
+                with("rays", "interpolated")
+                    .with("roots", "newton3")
+                    .with("classify", "paper"),
+            ],
+        )),
+        other => Err(format!("no method {other} here: cpu, or gpu with --features gpu").into()),
+    }
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -28,12 +61,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let data: Arc<Data> = Arc::new(data);
     let surfaces = [Surface::isovalue(isovalue, 0)];
-    let settings = [
-        Knobs::default(),
-        Knobs::default().with("classify", "data"),
-        Knobs::default().with("roots", "newton3"),
-        Knobs::default().with("classify", "paper"),
-    ];
+    let (method, settings) = method(&argument(4, "cpu"))?;
     let mut truth = None;
     for knobs in settings {
         let text: Vec<String> = knobs.0.iter().map(|(k, v)| format!("{k}={v}")).collect();
@@ -42,13 +70,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             knobs,
             ..Request::default()
         };
-        let mut r = isobar_tetspline::TETSPLINE_CPU.open(&request)?;
+        let mut r = method.open(&request)?;
         r.set_data(&data)?;
         r.set_surfaces(&surfaces)?;
         r.set_view(&view)?;
         let mut frame = Frame::default();
         let (mut first, mut least) = (0.0, f64::INFINITY);
-        for n in 0..5 {
+        // A GPU in software is slow, and its times mean little.
+        let frames = if method.info().gpu { 2 } else { 5 };
+        for n in 0..frames {
             let start = cpu_seconds();
             r.render(&Stop::default())?;
             let ms = (cpu_seconds() - start) * 1e3;

@@ -181,6 +181,12 @@ impl Active {
         self.words.len() * 12 + self.bricks.len() * size_of::<OnceLock<Box<Cubes>>>() + cubes
     }
 
+    /// Whether active tetrahedra are kept.
+    #[inline(always)]
+    pub(crate) fn keeps(&self) -> bool {
+        self.rule != Rule::Data
+    }
+
     /// Active bricks.
     pub(crate) fn count(&self) -> usize {
         self.bricks.len()

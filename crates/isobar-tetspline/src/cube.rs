@@ -2,7 +2,8 @@
 //!
 //! Kalbe et al. 2009, section 4.4: with the barycentric coordinates a at the entry and b at the exit of the ray, `b30 = bl[a, a, a]`, `b21 = bl[a, a, b]`, `b12 = bl[a, b, b]`,
 //! `b03 = bl[b, b, b]`; de Casteljau's first step is shared (10 + 10 inner products), then 4 + 4, then 4. Different here: the exit is the tetrahedron's own (the paper takes
-//! a point one unit behind the entry), so that the Bernstein coefficients enclose the cubic where it counts.
+//! a point one unit behind the entry), so that the Bernstein coefficients enclose the cubic where it counts; and since the pieces join with C1, value and slope at the entry are
+//! those at the exit of the tetrahedron before: of the 32 inner products 16 are left, by [`jet`] at the exit.
 
 use isobar_fields::type6::{TYPE6, coefficients, frame, two_steps};
 
@@ -49,8 +50,24 @@ pub(crate) fn barycentric(kind: usize, p: [f64; 3]) -> [f64; 4] {
     [1.0 - 2.0 * x, 2.0 * (x - y), y + z, y - z]
 }
 
-/// The cubic along the segment between two points of a tetrahedron, in Bernstein form.
+/// Barycentric coordinates of a displacement.
 #[inline(always)]
+pub(crate) fn barycentric_step(kind: usize, d: [f64; 3]) -> [f64; 4] {
+    let ([a, b, c], [sa, sb]) = frame(kind);
+    let (x, y, z) = (f64::from(sa) * d[a], f64::from(sb) * d[b], d[c]);
+    [-2.0 * x, 2.0 * (x - y), y + z, y - z]
+}
+
+/// Value of s and its change per unit of a displacement at a point: 14 inner products and two, K14's without the mixed ones.
+#[inline(always)]
+pub(crate) fn jet(b: &[f64; 20], phi: [f64; 4], step: [f64; 4]) -> [f64; 2] {
+    let dot = |p: [f64; 4], l: [f64; 4]| (p[0] * l[0] + p[1] * l[1]) + (p[2] * l[2] + p[3] * l[3]);
+    let l = two_steps(b, phi);
+    [dot(phi, l), 3.0 * dot(step, l)]
+}
+
+/// The cubic along the segment between two points of a tetrahedron, in Bernstein form (the paper's way; [`jet`] at the ends gives the same).
+#[cfg(test)]
 pub(crate) fn blossom(b: &[f64; 20], from: [f64; 4], to: [f64; 4]) -> [f64; 4] {
     let dot = |p: [f64; 4], l: [f64; 4]| (p[0] * l[0] + p[1] * l[1]) + (p[2] * l[2] + p[3] * l[3]);
     let (l, m) = (two_steps(b, from), two_steps(b, to));
@@ -93,6 +110,11 @@ mod tests {
             let (phi, psi) = (barycentric(kind, p), barycentric(kind, q));
             assert_eq!(phi, isobar_fields::type6::barycentric(canonical(kind, p)));
             let c = blossom(&b, phi, psi);
+            // The same from values and slopes at the ends.
+            let along = barycentric_step(kind, std::array::from_fn(|a| q[a] - p[a]));
+            let ([v, s], [w, r]) = (jet(&b, phi, along), jet(&b, psi, along));
+            let ends = [v, v + s / 3.0, w - r / 3.0, w];
+            assert!((0..4).all(|i| (ends[i] - c[i]).abs() < 1e-13), "{ends:?} {c:?}");
             for n in 0..=8 {
                 let x = f64::from(n) / 8.0;
                 let at: [f64; 4] = std::array::from_fn(|v| (1.0 - x) * phi[v] + x * psi[v]);

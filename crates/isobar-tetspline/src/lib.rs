@@ -3,7 +3,7 @@
 //! The spline itself, its masks and its exact tests are in `isobar_fields::type6`; corrections to the paper in maths, section A. Here is how it is drawn:
 //! [`TETSPLINE_CPU`] walks the active cubes along each ray and the tetrahedra of each in the order the ray crosses them, restricts the cubic to the ray by
 //! blossoming, and finds its roots: certified ones, or those of the paper's three-start Newton iteration. [`classify`] has the paper's classification of cubes
-//! and tetrahedra and the conservative one.
+//! and tetrahedra and the conservative one. `TETSPLINE_GPU` (feature `gpu`) is the paper's renderer on wgpu.
 //!
 //! **Architecture invariants.** No other method is imported. Nothing prints.
 
@@ -11,6 +11,8 @@ mod bricks;
 pub mod classify;
 mod cpu;
 mod cube;
+#[cfg(feature = "gpu")]
+mod gpu;
 pub mod newton;
 #[cfg(test)]
 mod proofs;
@@ -21,3 +23,5 @@ mod tests;
 mod walk;
 
 pub use cpu::{TETSPLINE_CPU, TetsplineCpu};
+#[cfg(feature = "gpu")]
+pub use gpu::{TETSPLINE_GPU, TetsplineGpu};

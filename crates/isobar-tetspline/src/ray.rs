@@ -2,9 +2,16 @@
 //!
 //! **Bound on the error of a Bernstein coefficient.** u = 2^-53, per ray. A position o + t d in index space is off per axis by at most E = 24u (|eye| + |origin of the
 //! grid| + |t d|)/spacing + 4u n (four roundings of terms of that size; that of a plane's parameter, seen across the plane, is of the same size; 24 leaves a factor of
-//! two). M is the greatest |datum - c| of the volume. The four barycentric coordinates are off by 10 E together, and the three arguments of a blossom move it by at most 30EM. A
-//! coefficient costs 14uM (one difference, sums of at most 9 terms that amount to at most 192M, one division), three steps of de Casteljau's rule 3 * 7uM, another isovalue 2uM, an
-//! evaluation 14uM: below 64uM. The bound is **(32E + 64u) M**. A stretch within E of a face that was given to the wrong one of two tetrahedra is covered: their
+//! two). M is the greatest |datum - c| of the volume. The four barycentric coordinates are off by 10 E together, and each of the three arguments of a blossom moves it by as much of M.
+//! - A coefficient of a tetrahedron costs 14uM (one difference, sums of at most 9 terms that amount to at most 192M, one division), a step of de Casteljau's rule 7uM, another
+//!   isovalue 2uM, an evaluation of the cubic 14uM.
+//! - The value at an end: 30EM + (14 + 3 * 7)uM.
+//! - The inner coefficients add a third of the slope times the length: the `b^[2]` there, off by 20EM + 28uM, times the change of the barycentric coordinates along the segment, at most
+//!   5 together (its length is at most sqrt(3)/2): 100EM + 140uM, 35uM for the sum itself, and 12EM because the length of the segment is off by 2E.
+//! - The slope at the start is that of the tetrahedron before (C1). Its point lies within E of the common face, where the slopes of the two cubics differ by at most 300ME (second
+//!   derivatives are at most 6 * 5^2 M): times a third of the length, 87EM.
+//!
+//! Together below **(256E + 256u) M**. A stretch within E of a face that was given to the wrong one of two tetrahedra is covered: their
 //! cubics join with C1, so they differ there by the square of E.
 
 use glam::DVec3;
@@ -15,6 +22,9 @@ use isobar_core::{ClipPlane, Domain, Ray};
 pub(crate) fn three<R>(f: impl Fn(usize) -> R) -> [R; 3] {
     [f(0), f(1), f(2)]
 }
+
+/// Errors of a position that the margin holds.
+const PART: f64 = 256.0;
 
 /// Unit roundoff of f64.
 const U: f64 = 0.5 * f64::EPSILON;
@@ -103,7 +113,7 @@ impl Space {
         }
     }
 
-    /// The relative bound of a ray from `origin`, as far as it can be inside the domain; and 32E.
+    /// The relative bound of a ray from `origin`, as far as it can be inside the domain: 256E + 256u.
     #[inline(always)]
     pub(crate) fn margin(&self, origin: DVec3) -> f64 {
         let (lo, hi) = self.world;
@@ -112,7 +122,7 @@ impl Space {
         let world = origin.abs().max_element() + self.domain.origin.abs().max_element() + 2.0 * far;
         // The inverse of a general matrix loses some more digits, the more the nearer the axes are to a plane.
         let factor = if self.aligned { 24.0 } else { 192.0 * self.skew };
-        32.0 * (factor * U * world * self.scale + 4.0 * U * n) + 64.0 * U
+        PART * (factor * U * world * self.scale + 4.0 * U * n) + 256.0 * U
     }
 
     /// World gradient from that in index space.
@@ -232,8 +242,8 @@ impl Walk {
                 certain: a > b && clips.is_empty(),
             };
         }
-        // The margin holds 32 times the error of a position, which is also what s may change by over as long a way.
-        let ((first, last), (late, early)) = (inside(margin / 32.0), inside(-margin / 32.0));
+        // The margin holds the error of a position 256 times; over as long a way s changes by at most 32 times it.
+        let ((first, last), (late, early)) = (inside(margin / PART), inside(-margin / PART));
         let met = late <= early;
         Entry::Through(Self {
             ends: if met {

@@ -112,6 +112,20 @@ impl Chain {
             self.sign = sign;
             return;
         }
+        if let Some([lo, x, hi]) = only_crossing(&p, bound) {
+            if let Some(d) = self.doubt.take() {
+                settle(d, if p[0] > 0.0 { 1 } else { -1 }, found);
+            }
+            let at = |x: f64| t0 + x * (t1 - t0);
+            let t = at(x);
+            found(Found {
+                t,
+                error: (t - at(lo)).max(at(hi) - t) + 8.0 * f64::EPSILON * t1.abs().max(t0.abs()),
+                first: self.certain,
+            });
+            self.sign = if p[3] > 0.0 { 1 } else { -1 };
+            return;
+        }
         self.solve(p, bound, t0, t1, found);
     }
 
@@ -216,6 +230,46 @@ impl Chain {
     }
 }
 
+/// The common case at a fraction of the solver's cost: coefficients of certain signs that change once have exactly one root (Descartes' rule), which is found by Newton's method and
+/// enclosed by two certain signs. `None` where that fails; the solver decides then.
+#[inline(always)]
+fn only_crossing(p: &[f64; 4], bound: f64) -> Option<[f64; 3]> {
+    let negative = p.map(|v| v < 0.0);
+    let changes = (1..4).filter(|&i| negative[i] != negative[i - 1]).count();
+    if changes != 1 || p.iter().any(|v| v.abs() <= bound) {
+        return None;
+    }
+    let (mut lo, mut hi) = (0.0, 1.0);
+    let mut x = p[0] / (p[0] - p[3]);
+    let mut slope = 0.0;
+    for _ in 0..16 {
+        let (v, d) = bernstein::eval_with_derivative(p, x);
+        slope = d;
+        if (v < 0.0) == negative[0] {
+            lo = x;
+        } else {
+            hi = x;
+        }
+        let step = v / d;
+        let next = x - step;
+        if step.abs() < 1e-8 {
+            // The next step would be its square; rounding may have led out of the bracket.
+            x = next.clamp(0.0, 1.0);
+            break;
+        }
+        x = if next > lo && next < hi { next } else { 0.5 * (lo + hi) };
+    }
+    // At four bounds from the root the sign is certain, unless the cubic bends too much.
+    let e = 4.0 * bound / slope.abs() + f64::EPSILON;
+    let (lo, hi) = (x - e, x + e);
+    let clear = |x: f64, side: bool| {
+        let v = bernstein::eval(p, x);
+        v.abs() > bound && (v < 0.0) == side
+    };
+    let fits = e < 1e-3 && (lo <= 0.0 || clear(lo, negative[0])) && (hi >= 1.0 || clear(hi, negative[3]));
+    fits.then(|| [lo.max(0.0), x, hi.min(1.0)])
+}
+
 /// The solver stops where its error bound hides the sign, some 1e-10 from the root; rounding is far below its bound, so two more Newton steps inside the bracket gain digits.
 #[inline(always)]
 fn polished(p: &[f64; 4], r: &PolyRoot<f64>) -> f64 {
@@ -262,6 +316,41 @@ mod tests {
         }
         chain.pass(0, &mut push);
         (all, chain.certain)
+    }
+
+    /// The short way gives what the solver gives, and leaves to it what it cannot prove.
+    #[test]
+    fn one_certain_change_of_sign_is_one_root() {
+        let mut s = 11u64;
+        let mut next = || {
+            s = s
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (s >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        };
+        let (mut short, mut left) = (0, 0);
+        for _ in 0..100_000 {
+            let p: [f64; 4] = std::array::from_fn(|_| next());
+            let roots = all_roots(&p, &Tolerance::new(1e-13));
+            match only_crossing(&p, 1e-12) {
+                Some([lo, x, hi]) => {
+                    short += 1;
+                    assert_eq!(roots.as_slice().len(), 1, "{p:?}");
+                    let r = roots.as_slice()[0];
+                    assert!(
+                        (r.t - x).abs() < 1e-11 && lo <= r.hi && r.lo <= hi && hi - lo < 2e-3,
+                        "{p:?} {x} {r:?}"
+                    );
+                }
+                None => left += usize::from(roots.as_slice().len() == 1),
+            }
+        }
+        assert!(short > 35_000 && left < 12_000, "{short} {left}");
+        assert!(
+            only_crossing(&[1.0, 1e-13, -1.0, -1.0], 1e-12).is_none(),
+            "a coefficient of no certain sign"
+        );
+        assert!(only_crossing(&[1.0, -1.0, 1.0, -1.0], 1e-12).is_none(), "three changes");
     }
 
     #[test]

@@ -97,6 +97,8 @@ struct Way<'w, F> {
     work: &'w mut Work,
     /// End of the last tetrahedron looked at.
     end: f64,
+    /// Where the last cubic ended, with the value of s (minus the first isovalue) and its slope there: those at the start of the next one.
+    jet: (f64, [f64; 2]),
     push: F,
 }
 
@@ -110,6 +112,7 @@ impl<T: Datum> Search<'_, T> {
             scratch,
             work,
             end: f64::NEG_INFINITY,
+            jet: (f64::NEG_INFINITY, [0.0; 2]),
             push,
         };
         if self.nodes(&mut way) {
@@ -310,9 +313,12 @@ impl<T: Datum> Search<'_, T> {
     ) -> bool {
         way.work.tets += 1;
         let b = cube::patch(data, kind);
-        let (least, greatest) = hull(&b);
+        // Of kept tetrahedra the hull is known to hold an isovalue: with a single one it decides nothing.
+        let known = self.active.keeps() && self.bounds.len() == 1;
+        let (least, greatest) = if known { (f64::NEG_INFINITY, f64::INFINITY) } else { hull(&b) };
         let mut cubic: Option<[f64; 4]> = None;
         let phi = || [cube::barycentric(kind, p), cube::barycentric(kind, q)];
+        let (d, last) = (way.walk.d, &mut way.jet);
         let found = &mut way.scratch.found;
         found.clear();
         for (n, (bounds, chain)) in self.bounds.iter().zip(&mut way.scratch.chains).enumerate() {
@@ -325,8 +331,16 @@ impl<T: Datum> Search<'_, T> {
                 chain.pass(-1, &mut take);
             } else {
                 let base = *cubic.get_or_insert_with(|| {
-                    let [from, to] = phi();
-                    cube::blossom(&b, from, to)
+                    let step = cube::barycentric_step(kind, d);
+                    let third = (t[1] - t[0]) / 3.0;
+                    let [v0, s0] = if last.0 == t[0] {
+                        last.1
+                    } else {
+                        cube::jet(&b, cube::barycentric(kind, p), step)
+                    };
+                    let [v1, s1] = cube::jet(&b, cube::barycentric(kind, q), step);
+                    *last = (t[1], [v1, s1]);
+                    [v0, v0 + third * s0, v1 - third * s1, v1]
                 });
                 way.work.cubics += 1;
                 let shifted = [base[0] - c, base[1] - c, base[2] - c, base[3] - c];

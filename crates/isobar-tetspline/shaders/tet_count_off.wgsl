@@ -1,0 +1,1 @@
+fn count_fragment(pixel: vec2<u32>) {}

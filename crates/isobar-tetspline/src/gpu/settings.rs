@@ -1,0 +1,48 @@
+//! The knobs, read.
+
+use super::INFO;
+use super::programs::{Rays, Roots};
+use crate::classify::Rule;
+use isobar_core::{Knobs, RenderError, ResolvedKnobs};
+
+/// Settings, read once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Settings {
+    pub(super) prefiltered: bool,
+    pub(super) rays: Rays,
+    pub(super) roots: Roots,
+    pub(super) stored: bool,
+    pub(super) rule: Rule,
+    pub(super) claims: bool,
+}
+
+impl Settings {
+    pub(super) fn new(knobs: &Knobs) -> Result<Self, RenderError> {
+        let k = ResolvedKnobs::new(INFO.knobs, knobs)?;
+        Ok(Self {
+            prefiltered: k.word("reconstruction") == "type6-prefiltered",
+            rays: if k.word("rays") == "exact" {
+                Rays::Exact
+            } else {
+                Rays::Interpolated
+            },
+            roots: match k.word("roots") {
+                "newton3" => Roots::Newton3,
+                "analytic" => Roots::Analytic,
+                "hull" => Roots::Hull,
+                _ => Roots::Bracketed,
+            },
+            stored: k.word("coefficients") == "determining-set",
+            rule: match k.word("classify") {
+                "data" => Rule::Data,
+                "paper" => Rule::DeterminingSet,
+                _ => Rule::Coefficients,
+            },
+            claims: k.word("claims") == "cpu",
+        })
+    }
+
+    pub(super) const fn reconstruction(&self) -> &'static str {
+        if self.prefiltered { "type6-prefiltered" } else { "type6" }
+    }
+}
