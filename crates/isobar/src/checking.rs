@@ -3,7 +3,7 @@
 use crate::output::{self, ClassColour, Picture};
 use crate::settings::{finite, short};
 use isobar_core::Channels;
-pub use isobar_oracle::{Check, Class, Quantiles};
+pub use isobar_oracle::{Check, Class, Difference, Quantiles};
 use serde_json::{Value, json};
 
 /// Channels a frame needs for everything a check can say.
@@ -132,6 +132,62 @@ pub fn to_text(c: &Check) -> String {
         c.stage.f64, c.stage.dd, c.stage.exact
     ));
     out
+}
+
+/// Colours of a frame against the exact ones: the emission-absorption integral of the transfer function as given, and for methods that draw
+/// its peaks as surfaces the integral with these between.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColourCheck {
+    /// Against the integral.
+    pub integral: Difference,
+    /// Against peaks and the integral between.
+    pub peaks: Option<Difference>,
+    /// Of the two exact images: the bias of drawing peaks, no method's error.
+    pub bias: Option<Difference>,
+    /// Proved bound of the error of the exact colours, shading apart.
+    pub bound: f64,
+}
+
+impl ColourCheck {
+    fn rows(&self) -> impl Iterator<Item = (&'static str, &Difference)> {
+        let rows = [
+            ("integral", Some(&self.integral)),
+            ("peaks", self.peaks.as_ref()),
+            ("bias", self.bias.as_ref()),
+        ];
+        rows.into_iter().filter_map(|(name, d)| Some((name, d?)))
+    }
+
+    /// The differences by name, and the bound of the exact colours; a ratio of equal images (infinite) is null.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let mut out = json!({"error_bound": finite(self.bound)});
+        for (name, d) in self.rows() {
+            out[name] = json!({
+                "max": finite(d.max), "p99": finite(d.p99), "mean": finite(d.mean), "visible": d.visible,
+                "psnr_db": finite(d.psnr), "ssim": finite(d.ssim),
+            });
+        }
+        out
+    }
+
+    /// The differences as lines.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let line = |(name, d): (&str, &Difference)| {
+            format!(
+                "{:<16} max {}  p99 {}  visible {}  PSNR {} dB  SSIM {}\n",
+                format!("colour, {name}"),
+                short(d.max),
+                short(d.p99),
+                d.visible,
+                short(d.psnr),
+                short(d.ssim)
+            )
+        };
+        let rows: String = self.rows().map(line).collect();
+        format!("{rows}exact colours are off by at most {}\n", short(self.bound))
+    }
 }
 
 #[cfg(test)]

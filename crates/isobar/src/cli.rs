@@ -154,7 +154,12 @@ pub struct CheckArgs {
     #[arg(long, value_name = "ID")]
     pub method: String,
     /// Isovalues in data units
-    #[arg(long, value_name = "C[,...]", allow_hyphen_values = true, required = true)]
+    #[arg(
+        long,
+        value_name = "C[,...]",
+        allow_hyphen_values = true,
+        required_unless_present = "tf"
+    )]
     pub isovalue: Vec<String>,
     /// Threads and knobs.
     #[command(flatten)]
@@ -182,6 +187,9 @@ pub struct CheckArgs {
     /// Answer no (exit 1) also for a missed or false hit, a wrong root or a wrong surface
     #[arg(help_heading = "Check", long)]
     pub strict: bool,
+    /// Transfer function between the surfaces: colours are held against the exact integral too
+    #[arg(help_heading = "Check", long, value_name = "FILE", conflicts_with = "rays")]
+    pub tf: Option<PathBuf>,
     /// Write the counts as JSON; - is standard output
     #[arg(help_heading = "Check", long, value_name = "FILE")]
     pub json: Option<PathBuf>,

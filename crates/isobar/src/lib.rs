@@ -37,6 +37,12 @@ pub fn methods() -> Vec<&'static dyn Method> {
         #[cfg(feature = "gpu")]
         &isobar_octree::OCTREE_GPU,
         &isobar_tetspline::TETSPLINE_CPU,
+        #[cfg(feature = "gpu")]
+        &isobar_tetspline::TETSPLINE_GPU,
+        &isobar_cellproj::CELLPROJ_CPU,
+        &isobar_nurbs::NURBS_CPU,
+        &isobar_peaks::PEAKS_CPU,
+        &isobar_peaks::PEAKS_CPU_PAPER,
     ]
 }
 

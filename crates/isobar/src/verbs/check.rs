@@ -1,6 +1,6 @@
 //! `isobar check`: every pixel of a method against the certified truth.
 
-use crate::checking::{self, Check};
+use crate::checking::{self, Check, ColourCheck};
 use crate::cli::{Answer, CheckArgs};
 use crate::output::{self, Format};
 use crate::run::{self, Prepared, Setup};
@@ -8,9 +8,11 @@ use crate::source::Source;
 use crate::truth::{Random, Truths, cache_dir};
 use crate::{progress, settings, surfaces};
 use anyhow::{Context, Result, anyhow, ensure};
-use isobar_core::{DVec3, Frame, Method, Request, Stop, Surface, View};
+use isobar_core::{Channels, DVec3, Frame, Function, Method, Request, Stop, Surface, TransferFunction, View};
+use isobar_oracle::{Colours, Reference};
 use serde_json::{Value, json};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Size of the random views of `--rays` without `--size`: small, so that there are many.
 const RANDOM_VIEW: (usize, usize) = (32, 24);
@@ -49,22 +51,39 @@ pub fn run(args: &CheckArgs) -> Result<Answer> {
         );
         output::probe("--map", p)?;
     }
-    let request = super::request(&args.draw, knobs, checking::CHANNELS, 1)?;
+    let colour = if args.tf.is_some() { Channels::RGBA } else { Channels::empty() };
+    let request = super::request(&args.draw, knobs, checking::CHANNELS | colour, 1)?;
     let (source, _) = super::open(&args.data)?;
     source.require_finite()?;
+    let (lo, hi) = source.bounds();
+    let medium = args
+        .tf
+        .as_deref()
+        .map(|p| surfaces::load_transfer(p, (hi - lo).max_element()))
+        .transpose()?;
     let job = Job {
+        judged: judged(method, &surfaces, medium.as_ref()),
+        medium,
         args,
         method,
         source: &source,
         surfaces: &surfaces,
         request: &request,
     };
-    let (checked, function) = match args.rays {
+    let Answered {
+        checked,
+        function,
+        colours,
+    } = match args.rays {
         Some(n) => job.random_views(n)?,
         None => job.one_view()?,
     };
-    let out = to_json(&checked, &job, &function);
+    let mut out = to_json(&checked, &job, &function);
     let mut text = to_text(&checked, &job, &function);
+    if let Some(c) = &colours {
+        out["colour"] = c.to_json();
+        text.push_str(&c.to_text());
+    }
     match args.json.as_deref() {
         Some(p) if p == Path::new("-") => text = settings::pretty(&out),
         Some(p) => output::write_text(p, &settings::pretty(&out)).context("--json")?,
@@ -72,9 +91,21 @@ pub fn run(args: &CheckArgs) -> Result<Answer> {
     }
     Ok(Answer {
         text,
-        warnings: super::warnings(&source, &surfaces),
+        warnings: super::warnings(&source, &job.judged),
         no: checked.refuted > 0 || args.strict && checking::wrong(&checked) > 0,
     })
+}
+
+/// The surfaces that hits are held against: those given, then for peaks/* the maxima of the transfer function's density, ascending.
+fn judged(method: &dyn Method, surfaces: &[Surface], medium: Option<&TransferFunction>) -> Vec<Surface> {
+    let peaks = medium.filter(|_| draws_peaks(method)).map(TransferFunction::peaks);
+    let peaks = peaks.unwrap_or_default();
+    surfaces.iter().copied().chain(peaks.iter().map(|p| p.surface())).collect()
+}
+
+/// Whether the method draws the maxima of a transfer function as surfaces: a property of the family.
+fn draws_peaks(method: &dyn Method) -> bool {
+    method.info().id.starts_with("peaks/")
 }
 
 struct Job<'a> {
@@ -82,7 +113,17 @@ struct Job<'a> {
     method: &'static dyn Method,
     source: &'a Source,
     surfaces: &'a [Surface],
+    judged: Vec<Surface>,
+    medium: Option<TransferFunction>,
     request: &'a Request,
+}
+
+/// What a check found.
+struct Answered {
+    checked: Check,
+    /// Name of the function that was drawn.
+    function: String,
+    colours: Option<ColourCheck>,
 }
 
 impl Job<'_> {
@@ -91,7 +132,7 @@ impl Job<'_> {
             method: self.method,
             data: &self.source.data,
             surfaces: self.surfaces,
-            medium: None,
+            medium: self.medium.as_ref(),
             view,
             request: self.request.clone(),
         }
@@ -102,7 +143,7 @@ impl Job<'_> {
     }
 
     /// Draws and checks one view with a prepared renderer.
-    fn check(&self, p: &mut Prepared, view: &View, truths: &Truths) -> Result<(Check, String)> {
+    fn check(&self, p: &mut Prepared, view: &View, truths: &Truths) -> Result<Answered> {
         let function = p.function().ok_or_else(|| {
             anyhow!(
                 "--method {}: it tells no function to check against; see isobar methods",
@@ -118,25 +159,48 @@ impl Job<'_> {
         .map_err(|e| self.explain(&e))?;
         let stop = Stop::default();
         let truth = progress::watch("certifying every pixel", &stop, || {
-            truths.get(&function, self.surfaces, view, &stop)
+            truths.get(&function, &self.judged, view, &stop)
         })
         .with_context(|| format!("check {}", self.args.method))?;
-        let checked = isobar_oracle::check(&frame, &truth, &function, self.surfaces, view)?;
-        Ok((checked, function.name()))
+        Ok(Answered {
+            checked: isobar_oracle::check(&frame, &truth, &function, &self.judged, view)?,
+            colours: self.medium.as_ref().map(|m| self.colours(&frame, &function, m, view)).transpose()?,
+            function: function.name(),
+        })
     }
 
-    fn one_view(&self) -> Result<(Check, String)> {
+    /// Holds the colours of a frame against the exact ones.
+    fn colours(&self, frame: &Frame, function: &Arc<dyn Function>, medium: &TransferFunction, view: &View) -> Result<ColourCheck> {
+        let exact = |reference| {
+            let stop = Stop::default();
+            progress::watch("integrating every pixel", &stop, || {
+                Colours::compute(function, self.surfaces, Some(medium), reference, view, &stop)
+            })
+            .with_context(|| format!("check {}", self.args.method))
+        };
+        let integral = exact(Reference::Integral)?;
+        let peaks = draws_peaks(self.method).then(|| exact(Reference::Peaks)).transpose()?;
+        Ok(ColourCheck {
+            bound: peaks.iter().chain([&integral]).map(Colours::greatest_error).fold(0.0, f64::max),
+            integral: integral.difference(frame)?,
+            peaks: peaks.as_ref().map(|p| p.difference(frame)).transpose()?,
+            bias: peaks.as_ref().map(|p| p.bias(&integral)).transpose()?,
+        })
+    }
+
+    fn one_view(&self) -> Result<Answered> {
         let view = self.args.view.view(self.source.bounds())?;
         let truths = Truths::new(self.source.hash(), cache_dir());
         let mut p = run::prepare(&self.setup(&view)).map_err(|e| self.explain(&e))?;
-        let (checked, function) = self.check(&mut p, &view, &truths)?;
+        let answered = self.check(&mut p, &view, &truths)?;
         if let Some(path) = &self.args.map {
-            output::write_picture(path, &checking::picture(&checked, view.width, view.height)).context("--map")?;
+            let picture = checking::picture(&answered.checked, view.width, view.height);
+            output::write_picture(path, &picture).context("--map")?;
         }
-        Ok((checked, function))
+        Ok(answered)
     }
 
-    fn random_views(&self, rays: u64) -> Result<(Check, String)> {
+    fn random_views(&self, rays: u64) -> Result<Answered> {
         let bounds = self.source.bounds();
         ensure!(
             (bounds.1 - bounds.0).length() > 0.0,
@@ -155,11 +219,14 @@ impl Job<'_> {
         let (mut checks, mut pixels) = (Vec::new(), 0);
         let mut view = first;
         loop {
-            let (checked, function) = self.check(&mut p, &view, &truths)?;
-            pixels += checked.pixels as u64;
-            checks.push(checked);
+            let answered = self.check(&mut p, &view, &truths)?;
+            pixels += answered.checked.pixels as u64;
+            checks.push(answered.checked);
             if pixels >= rays {
-                return Ok((Check::join(checks), function));
+                return Ok(Answered {
+                    checked: Check::join(checks),
+                    ..answered
+                });
             }
             view = random_view(&mut random, bounds, size, rays - pixels);
             p.renderer().set_view(&view).map_err(|e| self.explain(&e))?;
@@ -198,7 +265,7 @@ fn to_json(c: &Check, job: &Job<'_>, function: &str) -> Value {
     out["reconstruction"] = json!(function);
     out["data"] = json!(job.source.name);
     out["sha256"] = json!(job.source.hash());
-    out["isovalues"] = job.surfaces.iter().map(Surface::value).collect();
+    out["isovalues"] = job.judged.iter().map(Surface::value).collect();
     out["knobs"] = settings::resolve(job.method, &job.request.knobs).map_or(Value::Null, |k| settings::knobs_json(&k));
     if let Some(n) = job.args.rays {
         out["rays"] = json!({"asked": n, "seed": job.args.seed});
