@@ -1,6 +1,7 @@
-//! Times `octree/cpu` on a synthetic volume at the bench view: `cargo run --release -p isobar-octree --example frame -- gyroid,n=256 [repeats]`.
+//! Times `octree/cpu` on a synthetic volume at the bench view: `cargo run --release -p isobar-octree --example frame -- gyroid,n=256 [repeats]
+//! [threads] [reconstruction]`.
 
-use isobar_core::{Channels, Frame, Method, Request, Stop, Surface, View};
+use isobar_core::{Channels, Frame, Knobs, Method, Request, Stop, Surface, View};
 use isobar_fields::Synthetic;
 use std::sync::Arc;
 use std::time::Instant;
@@ -9,11 +10,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let spec = std::env::args().nth(1).unwrap_or_else(|| "gyroid,n=256".into());
     let repeats: usize = std::env::args().nth(2).map_or(Ok(5), |s| s.parse())?;
     let threads: usize = std::env::args().nth(3).map_or(Ok(1), |s| s.parse())?;
+    let reconstruction = std::env::args().nth(4).unwrap_or_else(|| "trilinear".into());
     let synthetic: Synthetic = spec.parse()?;
     let data = Arc::new(synthetic.data()?);
     let request = Request {
         channels: Channels::T | Channels::NORMAL | Channels::SURFACE | Channels::RGBA | Channels::CLAIM,
         threads,
+        knobs: Knobs::default().with("reconstruction", &reconstruction),
         ..Request::default()
     };
     let mut r = isobar_octree::OCTREE_CPU.open(&request)?;

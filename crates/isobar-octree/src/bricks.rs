@@ -124,14 +124,10 @@ impl Active {
         }
     }
 
-    /// The word of the node with these indices along axes k, k + 1, k + 2.
+    /// The word of the node with these indices.
     #[inline(always)]
-    pub(crate) fn word_of(&self, k: usize, node: [i32; 3]) -> usize {
-        let mut at = [0; 3];
-        for (i, n) in node.into_iter().enumerate() {
-            at[(k + i) % 3] = n as usize;
-        }
-        (at[2] * self.dims[1] + at[1]) * self.dims[0] + at[0]
+    pub(crate) fn word_of(&self, node: [i32; 3]) -> usize {
+        (node[2] as usize * self.dims[1] + node[1] as usize) * self.dims[0] + node[0] as usize
     }
 
     /// Bytes held.

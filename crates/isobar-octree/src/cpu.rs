@@ -8,7 +8,7 @@ use isobar_core::{
     Counters, Data, DataKind, Frame, Function, Grid, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
     RenderTime, Renderer, Request, ResolvedKnobs, Samples, Scene, Stage, Stop, Surface, TransferFunction, Unsupported, View,
 };
-use isobar_cpu::scene::{Isovalues, check_medium, check_request, check_scene, check_view, grid};
+use isobar_cpu::scene::{Isovalues, check_clipped_scene, check_medium, check_open_cuts, check_request, grid};
 use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
 use isobar_fields::{GridSpline, Kind};
 use std::sync::Arc;
@@ -45,7 +45,7 @@ pub struct OctreeCpu;
 /// The method `octree/cpu`: exact ray casting of splines on grids of any sample type.
 ///
 /// The knob `reconstruction` chooses among [`Kind::ALL`]: trilinear, quadratic and cubic B-splines with the samples as coefficients, and the two that
-/// interpolate the samples. All hits in order. Guarantee with `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none
+/// interpolate the samples. All hits in order; open cuts by clipping planes. Guarantee with `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none
 /// before it, with EMPTY none at all; the proofs are the bounds derived in `walk.rs` (degree 1) and `smooth/caster.rs` (degrees 2 and 3), about
 /// 1e-13 and 1e-11 of the range of the coefficients for ordinary views. A pixel without them was not decided: the ray touches the surface, or
 /// passes an end of the domain, within that bound. Source: Steinberger 2010, sections 3.2 and 3.3; matrices: maths, corrections, section B.
@@ -57,7 +57,7 @@ impl Method for OctreeCpu {
     }
 
     fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
-        check_scene(&INFO, scene, request)
+        check_clipped_scene(&INFO, scene, request)
     }
 
     fn open(&self, request: &Request) -> Result<Box<dyn Renderer>, RenderError> {
@@ -224,7 +224,7 @@ impl Renderer for Octree {
 
     fn set_view(&mut self, view: &View) -> Result<(), RenderError> {
         view.validate()?;
-        check_view(&INFO, view)?;
+        check_open_cuts(&INFO, view)?;
         self.view = Some(view.clone());
         Ok(())
     }

@@ -24,6 +24,7 @@
 
 mod bricks;
 mod cell;
+mod clip;
 pub mod compose;
 mod cpu;
 mod cubic;

@@ -16,14 +16,17 @@
 //! directions differ in sign, lists of rays, and everything but the first hit of one opaque isovalue.
 
 use crate::bricks::Sample;
+use crate::clip::kept;
+use crate::packet_cells::Crossing;
 #[cfg(target_arch = "x86_64")]
 use crate::packet_lanes::{Avx2, Avx512};
 use crate::packet_lanes::{LANES, Lanes, Plain};
 use crate::packet_view::Projection;
 use crate::trilinear::{DrawTile, MARGIN};
-use crate::walk::{Work, three};
-use isobar_core::{Channels, Claim, Pixel, Ray};
-use isobar_cpu::{Level, TILE};
+use crate::walk::{Space, Work, three};
+use isobar_core::{Channels, Claim, Pixel, Ray, View};
+use isobar_cpu::scene::Isovalues;
+use isobar_cpu::{Level, TILE, Tile, TileOut};
 use std::cell::RefCell;
 
 /// Blocks of a tile: 4 x 2 pixels each, 4 in a row.
@@ -36,7 +39,7 @@ pub(crate) type PerRay = [[f64; LANES]; BLOCKS];
 /// A direction component below this is parallel to the plane.
 const PARALLEL: f64 = 1e-100;
 
-/// What the margin of a packet has in reserve for the ends of the domain, in margins: a ray that enters or leaves by a face at less than about a
+/// What the ends of the domain may add to the margin of a packet, in margins: a ray that enters or leaves by a face at less than about a
 /// thirtieth of its speed goes alone.
 const AT_ENDS: f64 = 32.0;
 
@@ -58,6 +61,19 @@ pub(crate) fn holds(set: &RaySet, x: usize, y: usize) -> bool {
     set[(y >> 1) * 4 + (x >> 2)] >> ((y & 1) * 4 + (x & 3)) & 1 != 0
 }
 
+/// The volume a packet crosses and the tile it comes from.
+#[derive(Clone, Copy)]
+pub(crate) struct Place<'a> {
+    pub(crate) space: &'a Space,
+    pub(crate) view: &'a View,
+    pub(crate) tile: Tile,
+    /// Index space is shifted by this, so that cells begin at whole numbers: the domain is `[shift, hi + shift]`.
+    pub(crate) shift: f64,
+    /// The margin of a ray, in those of [`Space::margin`].
+    pub(crate) margins: f64,
+    pub(crate) claims: bool,
+}
+
 /// The rays of a tile and how far they are.
 pub(crate) struct Packet {
     pub(crate) rays: [Ray; TILE * TILE],
@@ -66,6 +82,11 @@ pub(crate) struct Packet {
     pub(crate) shift: [PerRay; 3],
     /// |d|, index units.
     pub(crate) speed: [PerRay; 3],
+    /// Parameters at which the rays enter and leave the domain.
+    pub(crate) begin: PerRay,
+    pub(crate) end: PerRay,
+    /// What clipping planes keep of the rays, first and last t: as rounded, grown and shrunk by what rounding can hide. Only where there are planes.
+    cuts: [[PerRay; 2]; 3],
     /// Rays that are still under way.
     pub(crate) alive: RaySet,
     /// Blocks that have such rays.
@@ -77,22 +98,27 @@ pub(crate) struct Packet {
     /// Whether axis a descends.
     pub(crate) down: [bool; 3],
     pub(crate) found: Found,
-    /// (6E + 64u) of every ray.
+    /// The margin of every ray, with what the ends of the domain add: (6E + 64u), or what [`Place::margins`] makes of it.
     pub(crate) margin: f64,
     /// Active cells on each ray, where the frame wants to know.
     pub(crate) cells: [[u32; LANES]; BLOCKS],
 }
 
-/// The cubic each ray ends in.
+/// Most coefficients of the polynomial along a ray in a cell.
+pub(crate) const COEFFICIENTS: usize = 10;
+
+/// The polynomial each ray ends in.
 pub(crate) struct Found {
-    /// Bernstein coefficients between t0 and t1.
-    pub(crate) p: [PerRay; 4],
+    /// Coefficients between t0 and t1: Bernstein ones of a cubic, or powers of the higher degrees (`smooth/along.rs`).
+    pub(crate) p: [PerRay; COEFFICIENTS],
     pub(crate) t0: PerRay,
     pub(crate) t1: PerRay,
     /// The cell's near planes.
     pub(crate) near: [PerRay; 3],
     /// The root in [0, 1], where it is known already; else below 0.
     pub(crate) root: PerRay,
+    /// Its bracket reaches at most that far on both sides (degrees 2 and 3).
+    pub(crate) reach: PerRay,
 }
 
 /// The part of index space that the rays of a tile can be in: per plane across the major axis an interval of each other axis.
@@ -116,17 +142,21 @@ impl Packet {
             inv: [zero; 3],
             shift: [zero; 3],
             speed: [zero; 3],
+            cuts: [[zero; 2]; 3],
+            begin: zero,
+            end: zero,
             alive: none,
             blocks: 0,
             single: none,
             hit: none,
             down: [false; 3],
             found: Found {
-                p: [zero; 4],
+                p: [zero; COEFFICIENTS],
                 t0: zero,
                 t1: zero,
                 near: [zero; 3],
                 root: zero,
+                reach: zero,
             },
             cells: [[0; LANES]; BLOCKS],
             margin: 0.0,
@@ -135,121 +165,139 @@ impl Packet {
 }
 
 /// Whether packets can draw the tile: the first hit of one isovalue ends a ray.
-pub(crate) fn applies<T>(tile: &DrawTile<'_, '_, T>) -> bool {
-    let &[_] = tile.search.bounds else { return false };
-    let surface = &tile.surfaces.all()[usize::from(tile.surfaces.surface(0))];
-    tile.tile.width <= TILE
-        && tile.tile.height <= TILE
-        && tile.view.clips.is_empty()
-        && tile.out.layers() == 1
-        && !tile.out.holds(Channels::HITS)
-        && (surface.opacity >= 1.0 || !tile.out.holds(Channels::RGBA))
+pub(crate) fn applies(tile: Tile, surfaces: &Isovalues, out: &TileOut<'_>) -> bool {
+    let &[_] = surfaces.values() else { return false };
+    let surface = &surfaces.all()[usize::from(surfaces.surface(0))];
+    tile.width <= TILE
+        && tile.height <= TILE
+        && out.layers() == 1
+        && !out.holds(Channels::HITS)
+        && (surface.opacity >= 1.0 || !out.holds(Channels::RGBA))
 }
 
 thread_local! {
-    /// Some 50 KiB that need no clearing between tiles.
+    /// Some 70 KiB that need no clearing between tiles.
     static PACKET: RefCell<Box<Packet>> = RefCell::new(Packet::new());
+}
+
+/// Runs `f` with this thread's packet.
+pub(crate) fn with_packet<R>(f: impl FnOnce(&mut Packet) -> R) -> R {
+    PACKET.with_borrow_mut(|p| f(p))
 }
 
 /// Draws what packets can; gives the rays that are left.
 pub(crate) fn draw<T: Sample>(level: Level, tile: &mut DrawTile<'_, '_, T>, view: &Projection, work: &mut Work) -> RaySet {
-    if misses(tile, view) {
-        finish_empty(tile, &tile_rays(tile));
+    let place = Place {
+        space: tile.space,
+        view: tile.view,
+        tile: tile.tile,
+        shift: 0.0,
+        margins: 1.0,
+        claims: tile.search.claims,
+    };
+    if place.misses(view) {
+        place.finish_empty(tile.out, &place.rays(), None);
         return [0; BLOCKS];
     }
-    PACKET.with_borrow_mut(|packet| {
+    with_packet(|packet| {
         #[cfg(target_arch = "x86_64")]
         if level.is_available() {
             match level {
                 #[expect(unsafe_code, reason = "functions with target features")]
                 // SAFETY: `is_available` found the features.
-                Level::Avx512 => return unsafe { avx512(packet, tile, view, work) },
+                Level::Avx512 => return unsafe { avx512(packet, &place, tile, view, work) },
                 #[expect(unsafe_code, reason = "functions with target features")]
                 // SAFETY: `is_available` found the features.
-                Level::Avx2 => return unsafe { avx2(packet, tile, view, work) },
+                Level::Avx2 => return unsafe { avx2(packet, &place, tile, view, work) },
                 Level::Scalar => {}
             }
         }
         let _ = level;
-        with_lanes::<Plain, T>(packet, tile, view, work)
+        with_lanes::<Plain, T>(packet, &place, tile, view, work)
     })
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn avx512<T: Sample>(p: &mut Packet, tile: &mut DrawTile<'_, '_, T>, view: &Projection, work: &mut Work) -> RaySet {
-    with_lanes::<Avx512, T>(p, tile, view, work)
+fn avx512<T: Sample>(
+    p: &mut Packet,
+    place: &Place<'_>,
+    tile: &mut DrawTile<'_, '_, T>,
+    view: &Projection,
+    work: &mut Work,
+) -> RaySet {
+    with_lanes::<Avx512, T>(p, place, tile, view, work)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn avx2<T: Sample>(p: &mut Packet, tile: &mut DrawTile<'_, '_, T>, view: &Projection, work: &mut Work) -> RaySet {
-    with_lanes::<Avx2, T>(p, tile, view, work)
+fn avx2<T: Sample>(
+    p: &mut Packet,
+    place: &Place<'_>,
+    tile: &mut DrawTile<'_, '_, T>,
+    view: &Projection,
+    work: &mut Work,
+) -> RaySet {
+    with_lanes::<Avx2, T>(p, place, tile, view, work)
 }
 
 #[inline(always)]
 fn with_lanes<S: Lanes, T: Sample>(
     packet: &mut Packet,
+    place: &Place<'_>,
     tile: &mut DrawTile<'_, '_, T>,
     view: &Projection,
     work: &mut Work,
 ) -> RaySet {
-    let Some(frustum) = packet.start::<S, T>(tile) else {
-        return tile_rays(tile);
+    let count = tile.out.holds(Channels::WORK);
+    let Some(frustum) = packet.start::<S>(place, count) else {
+        return place.rays();
     };
     if packet.blocks != 0 {
-        tile.cross::<S>(packet, &frustum, view, work);
+        let crossing = Crossing::new(packet, place, view);
+        let mut cells = tile.cells(packet, count);
+        crossing.cross::<S, _>(&mut cells, packet, &frustum, work);
         tile.finish::<S>(packet);
     }
-    let mut empty = tile_rays(tile);
-    for (e, (h, s)) in empty.iter_mut().zip(packet.hit.iter().zip(&packet.single)) {
-        *e &= !(h | s);
-    }
-    if tile.out.holds(Channels::WORK) {
-        finish_counted(tile, &empty, &packet.cells);
-    } else {
-        finish_empty(tile, &empty);
-    }
+    place.finish_empty(tile.out, &packet.empty(place), count.then_some(&packet.cells));
     packet.single
 }
 
-/// The pixels of a tile: less than all at the edges of the image.
-fn tile_rays<T>(tile: &DrawTile<'_, '_, T>) -> RaySet {
-    let t = tile.tile;
-    std::array::from_fn(|b| {
-        (0..LANES).fold(0, |m, l| {
-            let (x, y) = pixel(b, l);
-            m | u8::from(x < t.width && y < t.height) << l
+impl Place<'_> {
+    /// The pixels of the tile: less than all at the edges of the image.
+    pub(crate) fn rays(&self) -> RaySet {
+        std::array::from_fn(|b| {
+            (0..LANES).fold(0, |m, l| {
+                let (x, y) = pixel(b, l);
+                m | u8::from(x < self.tile.width && y < self.tile.height) << l
+            })
         })
-    })
-}
-
-/// Whether no ray of the tile can meet the volume.
-fn misses<T>(tile: &DrawTile<'_, '_, T>, view: &Projection) -> bool {
-    let t = tile.tile;
-    let hi = tile.space.domain.hi.to_array();
-    view.bounds(hi).is_some_and(|[x, y]| {
-        x[1] < t.x as f64 || x[0] > (t.x + t.width - 1) as f64 || y[1] < t.y as f64 || y[0] > (t.y + t.height - 1) as f64
-    })
-}
-
-/// Pixels without a hit.
-fn finish_empty<T>(tile: &mut DrawTile<'_, '_, T>, rays: &RaySet) {
-    if tile.search.claims && tile.out.holds(Channels::CLAIM) {
-        finish_counted(tile, rays, &[[0; LANES]; BLOCKS]);
     }
-}
 
-fn finish_counted<T>(tile: &mut DrawTile<'_, '_, T>, rays: &RaySet, cells: &[[u32; LANES]; BLOCKS]) {
-    for (b, &set) in rays.iter().enumerate() {
-        for l in ones(set.into()) {
-            let (x, y) = pixel(b, l);
-            let empty = Pixel {
-                claim: if tile.search.claims { Claim::EMPTY } else { Claim::empty() },
-                work: cells[b][l],
-                ..Pixel::default()
-            };
-            tile.out.set_pixel(tile.tile.x + x, tile.tile.y + y, &empty);
+    /// Whether no ray of the tile can meet the volume.
+    pub(crate) fn misses(&self, view: &Projection) -> bool {
+        let t = self.tile;
+        let hi = self.space.domain.hi.to_array();
+        view.bounds(hi).is_some_and(|[x, y]| {
+            x[1] < t.x as f64 || x[0] > (t.x + t.width - 1) as f64 || y[1] < t.y as f64 || y[0] > (t.y + t.height - 1) as f64
+        })
+    }
+
+    /// Writes the pixels without a hit; `cells`: active cells on the rays, where these were counted.
+    pub(crate) fn finish_empty(&self, out: &mut TileOut<'_>, rays: &RaySet, cells: Option<&[[u32; LANES]; BLOCKS]>) {
+        if cells.is_none() && !(self.claims && out.holds(Channels::CLAIM)) {
+            return;
+        }
+        for (b, &set) in rays.iter().enumerate() {
+            for l in ones(set.into()) {
+                let (x, y) = pixel(b, l);
+                let empty = Pixel {
+                    claim: if self.claims { Claim::EMPTY } else { Claim::empty() },
+                    work: cells.map_or(0, |c| c[b][l]),
+                    ..Pixel::default()
+                };
+                out.set_pixel(self.tile.x + x, self.tile.y + y, &empty);
+            }
         }
     }
 }
@@ -267,31 +315,48 @@ pub(crate) fn ones(mut set: u32) -> impl Iterator<Item = usize> {
 }
 
 impl Packet {
-    /// Makes the rays; `None` where they cannot travel together.
+    /// Rays that hit nothing and are not left to be walked alone.
+    pub(crate) fn empty(&self, place: &Place<'_>) -> RaySet {
+        let mut empty = place.rays();
+        for (e, (h, s)) in empty.iter_mut().zip(self.hit.iter().zip(&self.single)) {
+            *e &= !(h | s);
+        }
+        empty
+    }
+
+    /// Makes the rays; `None` where they cannot travel together. `count`: whether cells on each ray are to be counted.
     #[inline(always)]
-    fn start<S: Lanes, T: Sample>(&mut self, tile: &DrawTile<'_, '_, T>) -> Option<Frustum> {
-        let (space, t) = (tile.space, tile.tile);
-        let rays = tile.view.generator();
+    pub(crate) fn start<S: Lanes>(&mut self, place: &Place<'_>, count: bool) -> Option<Frustum> {
+        let (space, t) = (place.space, place.tile);
+        let rays = place.view.generator();
         // The greatest margin of a rectangle of origins is that of a corner.
         let corner = |x: usize, y: usize| space.margin(rays.ray(t.x + x * (t.width - 1), t.y + y * (t.height - 1)).origin);
-        let margin = corner(0, 0).max(corner(1, 0)).max(corner(0, 1).max(corner(1, 1))) * (1.0 + 1e-9);
+        let margin = place.margins * corner(0, 0).max(corner(1, 0)).max(corner(0, 1).max(corner(1, 1))) * (1.0 + 1e-9);
         // See `walk::ends`: rays that need more than this at the ends of the domain go alone.
         let most = AT_ENDS * margin;
         if margin + most > MARGIN || margin.is_nan() {
             return None;
         }
-        self.margin = margin + most;
-        self.alive = tile_rays(tile);
+        self.margin = margin;
+        self.alive = place.rays();
         (self.blocks, self.single, self.hit) = (0, [0; BLOCKS], [0; BLOCKS]);
-        if tile.out.holds(Channels::WORK) {
+        if count {
             self.cells = [[0; LANES]; BLOCKS];
         }
+        let clipped = !place.view.clips.is_empty();
         for b in 0..BLOCKS {
             for l in 0..LANES {
                 let (x, y) = pixel(b, l);
                 let ray = rays.ray(t.x + x.min(t.width - 1), t.y + y.min(t.height - 1));
                 self.rays[b * LANES + l] = ray;
-                let o = space.index_vector(ray.origin - space.domain.origin).to_array();
+                if clipped {
+                    let reach = space.reach(&ray);
+                    for (side, to) in [0.0, 1.0, -1.0].into_iter().zip(&mut self.cuts) {
+                        let (first, last) = kept(&ray, &place.view.clips, reach, side);
+                        (to[0][b][l], to[1][b][l]) = (first, last);
+                    }
+                }
+                let o = (space.index_vector(ray.origin - space.domain.origin) + place.shift).to_array();
                 let d = space.index_vector(ray.direction).to_array();
                 for a in 0..3 {
                     self.inv[a][b][l] = d[a];
@@ -311,14 +376,20 @@ impl Packet {
             }
             self.down[a] = down == u8::MAX;
         }
-        let hi = space.domain.hi.to_array();
+        let hi = three(|a| space.domain.hi[a] + place.shift);
         let (one, zero) = (S::splat(1.0), S::splat(0.0));
-        let near = three(|a| if self.down[a] { hi[a] } else { 0.0 });
-        let far = three(|a| if self.down[a] { 0.0 } else { hi[a] });
+        let near = three(|a| if self.down[a] { hi[a] } else { place.shift });
+        let far = three(|a| if self.down[a] { place.shift } else { hi[a] });
+        let mut more = zero;
         for b in 0..BLOCKS {
             let (mut first, mut last) = (zero, S::splat(f64::INFINITY));
             let (mut grown_first, mut grown_last) = (first, last);
             let (mut shrunk_first, mut shrunk_last, mut fastest) = (first, last, zero);
+            if clipped {
+                (first, last) = (S::load(&self.cuts[0][0][b]), S::load(&self.cuts[0][1][b]));
+                (grown_first, grown_last) = (S::load(&self.cuts[1][0][b]), S::load(&self.cuts[1][1][b]));
+                (shrunk_first, shrunk_last) = (S::load(&self.cuts[2][0][b]), S::load(&self.cuts[2][1][b]));
+            }
             for a in 0..3 {
                 let d = S::load(&self.inv[a][b]);
                 let inv = one.div(d);
@@ -336,6 +407,8 @@ impl Packet {
                 shrunk_first = shrunk_first.max(plane(near[a] - grow));
                 shrunk_last = shrunk_last.min(plane(far[a] + grow));
             }
+            first.store(&mut self.begin[b]);
+            last.store(&mut self.end[b]);
             let outside = first.above(last);
             let surely = grown_first.above(grown_last);
             let ends = first
@@ -348,7 +421,12 @@ impl Packet {
             self.alive[b] = all & !outside & !doubtful;
             self.single[b] = all & ((outside & !surely) | (!outside & doubtful));
             self.blocks |= u32::from(self.alive[b] != 0) << b;
+            more = ends.max(zero).where_or(self.alive[b], zero).max(more);
         }
+        let mut lanes = [0.0; LANES];
+        more.store(&mut lanes);
+        // What the ray needs that needs most.
+        self.margin += lanes.iter().fold(0.0, |m, &v| if v > m { v } else { m });
         let major = self.major::<S>()?;
         Some(self.frustum::<S>(major, near, far))
     }

@@ -2,12 +2,11 @@
 
 use crate::bricks::{Sample, bit};
 use crate::cubic::{self, Event};
-use crate::packet::{Frustum, Packet, ones};
+use crate::packet::{Frustum, Packet, Place, ones};
 use crate::packet_lanes::{LANES, Lanes};
 use crate::packet_view::{Projection, Seen};
 use crate::trilinear::DrawTile;
-use crate::walk::{Work, three};
-use isobar_core::Channels;
+use crate::walk::{Search, Work, three};
 
 /// The frustum is taken wider by this, index units: far more than rays are rounded by.
 const WIDER: f64 = 1e-4;
@@ -90,14 +89,137 @@ fn covered(s: &Seen, x: f64, y: f64) -> u32 {
     columns & rows as u32
 }
 
+/// What packets cross: the active bricks and cells of a volume, and what is done in a cell.
+pub(crate) trait Cells {
+    /// Cells per axis.
+    fn size(&self) -> [i32; 3];
+    /// The active bricks of a node.
+    fn node(&self, node: [i32; 3]) -> u64;
+    /// The active cells of an active brick.
+    fn brick(&self, brick: [i32; 3]) -> u64;
+    /// Takes those rays of the given blocks through an active cell that meet it.
+    fn cell<S: Lanes>(&mut self, p: &mut Packet, blocks: u32, cell: [i32; 3], work: &mut Work);
+}
+
 /// What a tile knows on its way.
-struct Crossing<'a> {
+pub(crate) struct Crossing<'a> {
     view: &'a Projection,
     /// Upper left pixel.
     x: f64,
     y: f64,
+    /// As in [`Place`].
+    shift: f64,
+    down: [bool; 3],
     /// Bits of a cell's index to turn round.
     flip: u32,
+}
+
+impl<'a> Crossing<'a> {
+    #[inline(always)]
+    pub(crate) fn new(p: &Packet, place: &Place<'_>, view: &'a Projection) -> Self {
+        let far = three(|a| u32::from(p.down[a]));
+        Self {
+            view,
+            x: place.tile.x as f64,
+            y: place.tile.y as f64,
+            shift: place.shift,
+            down: p.down,
+            flip: far[0] * 3 + far[1] * 12 + far[2] * 48,
+        }
+    }
+
+    /// Takes the packet through the volume until all its rays have ended.
+    #[inline(always)]
+    pub(crate) fn cross<S: Lanes, C: Cells>(&self, cells: &mut C, p: &mut Packet, frustum: &Frustum, work: &mut Work) {
+        let size = cells.size();
+        let last = three(|a| (size[a] - 1) >> 2);
+        let k = frustum.major;
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        let turned = |[u, v, w]: [i32; 3]| {
+            let mut at = [0; 3];
+            (at[k], at[i], at[j]) = (u, v, w);
+            at
+        };
+        let reach = |log: u32| {
+            let [a, b] = frustum
+                .ends
+                .map(|e| ((e / f64::from(1 << log)) as i32).clamp(0, last[k] >> (log - 2)));
+            [a.min(b), a.max(b)]
+        };
+        let bricks = reach(2);
+        for node in steps(reach(4), self.down[k]) {
+            let (ni, nj) = (
+                frustum.blocks(0, node, 4, last[i] >> 2),
+                frustum.blocks(1, node, 4, last[j] >> 2),
+            );
+            work.nodes += 1;
+            let mut any = 0;
+            for v in steps(nj, false) {
+                for u in steps(ni, false) {
+                    any |= cells.node(turned([node, u, v]));
+                }
+            }
+            if any == 0 {
+                continue;
+            }
+            let slices = [(node << 2).max(bricks[0]), (node << 2 | 3).min(bricks[1])];
+            for slice in steps(slices, self.down[k]) {
+                let (bi, bj) = (frustum.blocks(0, slice, 2, last[i]), frustum.blocks(1, slice, 2, last[j]));
+                for v in steps(bj, self.down[j]) {
+                    for u in steps(bi, self.down[i]) {
+                        let at = turned([slice, u, v]);
+                        let word = cells.node(three(|a| at[a] >> 2));
+                        if word >> bit(at) & 1 != 0 {
+                            self.brick::<S, C>(cells, p, at, work);
+                            if p.blocks == 0 {
+                                return;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn brick<S: Lanes, C: Cells>(&self, cells: &mut C, p: &mut Packet, brick: [i32; 3], work: &mut Work) {
+        let seen = self.view.seen(three(|a| f64::from(brick[a] << 2) + 2.0 - self.shift), 2.0);
+        let mut blocks = p.blocks;
+        let mut size = None;
+        if let Some((s, cell)) = seen {
+            blocks &= covered(&s, self.x, self.y);
+            if blocks == 0 {
+                return;
+            }
+            if blocks & (blocks - 1) != 0 {
+                size = Some(cell);
+            }
+        }
+        work.bricks += 1;
+        let mut left = in_order(cells.brick(brick), self.flip);
+        while left != 0 {
+            let at = left.trailing_zeros() ^ self.flip;
+            left &= left - 1;
+            let cell = [
+                brick[0] << 2 | (at & 3) as i32,
+                brick[1] << 2 | (at >> 2 & 3) as i32,
+                brick[2] << 2 | (at >> 4) as i32,
+            ];
+            let mut live = blocks & p.blocks;
+            if let Some(size) = &size {
+                let c = three(|a| f64::from(cell[a]) + 0.5 - self.shift);
+                live &= covered(&self.view.cell(c, size), self.x, self.y);
+            }
+            if live != 0 {
+                cells.cell::<S>(p, live, cell, work);
+            }
+        }
+    }
+}
+
+/// The cells of a trilinear volume, for one tile.
+pub(crate) struct LinearCells<'a, 'b, T> {
+    search: &'b Search<'a, T>,
     /// Sample 4z + 2y + x of a cell counted from its near corner, as an offset from its first sample.
     offsets: [usize; 8],
     isovalue: f64,
@@ -105,19 +227,16 @@ struct Crossing<'a> {
     count: bool,
 }
 
-impl<T: Sample> DrawTile<'_, '_, T> {
-    /// Takes the packet through the volume until all its rays have ended.
+impl<'a, T: Sample> DrawTile<'a, '_, T> {
+    /// The cells for a packet that has been started; `count`: whether those on each ray are to be counted.
     #[inline(always)]
-    pub(crate) fn cross<S: Lanes>(&self, p: &mut Packet, frustum: &Frustum, view: &Projection, work: &mut Work) {
+    pub(crate) fn cells(&self, p: &Packet, count: bool) -> LinearCells<'a, '_, T> {
         let dims = self.search.dims;
         let (sy, sz) = (dims[0], dims[0] * dims[1]);
         let far = three(|a| usize::from(p.down[a]));
         let corner = |n: usize| (n & 1 ^ far[0]) + (n >> 1 & 1 ^ far[1]) * sy + (n >> 2 ^ far[2]) * sz;
-        let crossing = Crossing {
-            view,
-            x: self.tile.x as f64,
-            y: self.tile.y as f64,
-            flip: (far[0] * 3 + far[1] * 12 + far[2] * 48) as u32,
+        LinearCells {
+            search: &self.search,
             offsets: [
                 corner(0),
                 corner(1),
@@ -130,94 +249,34 @@ impl<T: Sample> DrawTile<'_, '_, T> {
             ],
             isovalue: self.search.bounds[0].isovalue,
             bound: p.margin * self.search.bounds[0].size,
-            count: self.out.holds(Channels::WORK),
-        };
-        let active = self.search.active;
-        let last = three(|a| (dims[a] as i32 - 2) >> 2);
-        let k = frustum.major;
-        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-        let reach = |log: u32| {
-            let [a, b] = frustum
-                .ends
-                .map(|e| ((e / f64::from(1 << log)) as i32).clamp(0, last[k] >> (log - 2)));
-            [a.min(b), a.max(b)]
-        };
-        let bricks = reach(2);
-        for node in steps(reach(4), p.down[k]) {
-            let (ni, nj) = (
-                frustum.blocks(0, node, 4, last[i] >> 2),
-                frustum.blocks(1, node, 4, last[j] >> 2),
-            );
-            work.nodes += 1;
-            let mut any = 0;
-            for v in steps(nj, false) {
-                for u in steps(ni, false) {
-                    any |= active.words[active.word_of(k, [node, u, v])];
-                }
-            }
-            if any == 0 {
-                continue;
-            }
-            let slices = [(node << 2).max(bricks[0]), (node << 2 | 3).min(bricks[1])];
-            for slice in steps(slices, p.down[k]) {
-                let (bi, bj) = (frustum.blocks(0, slice, 2, last[i]), frustum.blocks(1, slice, 2, last[j]));
-                for v in steps(bj, p.down[j]) {
-                    for u in steps(bi, p.down[i]) {
-                        let mut at = [0; 3];
-                        (at[k], at[i], at[j]) = (slice, u, v);
-                        let word = active.word_of(k, [slice >> 2, u >> 2, v >> 2]);
-                        if active.words[word] >> bit(at) & 1 != 0 {
-                            self.brick::<S>(p, &crossing, word, at, work);
-                            if p.blocks == 0 {
-                                return;
-                            }
-                        }
-                    }
-                }
-            }
+            count,
         }
+    }
+}
+
+impl<T: Sample> Cells for LinearCells<'_, '_, T> {
+    #[inline(always)]
+    fn size(&self) -> [i32; 3] {
+        three(|a| self.search.dims[a] as i32 - 1)
     }
 
     #[inline(always)]
-    fn brick<S: Lanes>(&self, p: &mut Packet, c: &Crossing<'_>, word: usize, brick: [i32; 3], work: &mut Work) {
-        let seen = c.view.seen(three(|a| f64::from(brick[a] << 2) + 2.0), 2.0);
-        let mut blocks = p.blocks;
-        let mut size = None;
-        if let Some((s, cell)) = seen {
-            blocks &= covered(&s, c.x, c.y);
-            if blocks == 0 {
-                return;
-            }
-            if blocks & (blocks - 1) != 0 {
-                size = Some(cell);
-            }
-        }
-        work.bricks += 1;
-        let search = &self.search;
-        let mask = search
+    fn node(&self, node: [i32; 3]) -> u64 {
+        self.search.active.words[self.search.active.word_of(node)]
+    }
+
+    #[inline(always)]
+    fn brick(&self, brick: [i32; 3]) -> u64 {
+        let search = self.search;
+        let word = search.active.word_of(three(|a| brick[a] >> 2));
+        search
             .active
-            .cells(word, bit(brick), brick, search.samples, search.dims, search.bounds);
-        let mut cells = in_order(mask, c.flip);
-        while cells != 0 {
-            let at = cells.trailing_zeros() ^ c.flip;
-            cells &= cells - 1;
-            let cell = [
-                brick[0] << 2 | (at & 3) as i32,
-                brick[1] << 2 | (at >> 2 & 3) as i32,
-                brick[2] << 2 | (at >> 4) as i32,
-            ];
-            let mut live = blocks & p.blocks;
-            if let Some(size) = &size {
-                live &= covered(&c.view.cell(three(|a| f64::from(cell[a]) + 0.5), size), c.x, c.y);
-            }
-            if live != 0 {
-                self.cell::<S>(p, c, live, cell, work);
-            }
-        }
+            .cells(word, bit(brick), brick, search.samples, search.dims, search.bounds)
     }
 
     #[inline(always)]
-    fn cell<S: Lanes>(&self, p: &mut Packet, c: &Crossing<'_>, blocks: u32, cell: [i32; 3], work: &mut Work) {
+    fn cell<S: Lanes>(&mut self, p: &mut Packet, blocks: u32, cell: [i32; 3], work: &mut Work) {
+        let c = &*self;
         let dims = self.search.dims;
         let sz = dims[0] * dims[1];
         let base = cell[2] as usize * sz + cell[1] as usize * dims[0] + cell[0] as usize;
@@ -229,7 +288,7 @@ impl<T: Sample> DrawTile<'_, '_, T> {
         let v = [v(0), v(1), v(2), v(3), v(4), v(5), v(6), v(7)];
         let near = three(|a| f64::from(cell[a] + i32::from(p.down[a])));
         let far = three(|a| f64::from(cell[a] + i32::from(!p.down[a])));
-        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let one = S::splat(1.0);
         let bound = S::splat(c.bound);
         let low = S::splat(-c.bound);
         for b in ones(blocks) {
@@ -237,8 +296,8 @@ impl<T: Sample> DrawTile<'_, '_, T> {
             let shift = three(|a| S::load(&p.shift[a][b]));
             let tn = three(|a| S::splat(near[a]).mul(inv[a]).add(shift[a]));
             let tf = three(|a| S::splat(far[a]).mul(inv[a]).add(shift[a]));
-            let t0 = tn[0].max(tn[1]).max(tn[2].max(zero));
-            let t1 = tf[0].min(tf[1]).min(tf[2]);
+            let t0 = tn[0].max(tn[1]).max(tn[2].max(S::load(&p.begin[b])));
+            let t1 = tf[0].min(tf[1]).min(tf[2].min(S::load(&p.end[b])));
             let inside = p.alive[b] & !t0.above(t1);
             if inside == 0 {
                 continue;

@@ -29,7 +29,7 @@ pub(crate) fn draw<T: Sample>(level: Level, tile: DrawTile<'_, '_, T>) -> Work {
     let mut tile = tile;
     let mut work = Work::default();
     let mut rays = None;
-    if packet::applies(&tile)
+    if packet::applies(tile.tile, tile.surfaces, tile.out)
         && let Some(projection) = Projection::new(tile.view, tile.space)
     {
         let left = packet::draw(level, &mut tile, &projection, &mut work);
@@ -87,7 +87,7 @@ impl<T: Sample> Kernel for SingleRays<'_, '_, T> {
             let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
             let mut claim = Claim::empty();
             let mut certain = search.margin <= MARGIN;
-            match Walk::enter(&ray, space, search.margin) {
+            match Walk::enter(&ray, space, &view.clips, search.margin) {
                 Entry::Through(walk) => {
                     certain &= search.margin + walk.ends <= MARGIN;
                     if certain {

@@ -19,8 +19,9 @@
 
 use crate::bricks::{Active, SIDE, Sample, bit};
 use crate::cell::{Root, Scratch, Way};
+use crate::clip::kept;
 use glam::DVec3;
-use isobar_core::{Domain, Ray};
+use isobar_core::{ClipPlane, Domain, Ray};
 
 /// One value per axis. `array::map` is not inlined into functions compiled for more instructions than the crate, at twice the cost of a frame.
 #[inline(always)]
@@ -122,6 +123,15 @@ impl Space {
         6.0 * (factor * U * world * self.scale + 4.0 * U * n) + 64.0 * U
     }
 
+    /// No point of the domain lies further along the ray than this.
+    #[inline(always)]
+    pub(crate) fn reach(&self, ray: &Ray) -> f64 {
+        let (lo, hi) = self.world;
+        let far = (ray.origin - lo).abs().max((ray.origin - hi).abs()).length();
+        // Twice: what of it is rounded, and a direction that is not of length one.
+        2.0 * far / ray.direction.length()
+    }
+
     /// World gradient from that in index space.
     #[inline(always)]
     pub(crate) fn world_gradient(&self, g: DVec3) -> DVec3 {
@@ -162,6 +172,12 @@ pub(crate) fn cleaned(d: [f64; 3]) -> [f64; 3] {
     d.map(|x| if x.abs() < NOTHING * most { 0.0 } else { x })
 }
 
+/// Which way a domain grown by e moves the planes that cut it.
+#[inline(always)]
+pub(crate) fn side(e: f64) -> f64 {
+    if e == 0.0 { 0.0 } else { e.signum() }
+}
+
 /// See [`Walk::ends`]. `of(e)`: the parameters at which the ray enters and leaves the domain grown by e; `e` is at least the error of a position.
 /// The ray enters and leaves within the grown and the shrunk domain, and s changes by at most 2M per unit of an axis.
 #[inline(always)]
@@ -177,9 +193,9 @@ pub(crate) fn ends(d: [f64; 3], [t0, t1]: [f64; 2], e: f64, of: impl Fn(f64) -> 
 }
 
 impl Walk {
-    /// The way of a ray through the box [0, dims - 1] at t >= 0. `margin`: its (6E + 64u).
+    /// The way of a ray through the box [0, dims - 1] at t >= 0, where the planes keep it. `margin`: its (6E + 64u).
     #[inline(always)]
-    pub(crate) fn enter(ray: &Ray, space: &Space, margin: f64) -> Entry {
+    pub(crate) fn enter(ray: &Ray, space: &Space, clips: &[ClipPlane], margin: f64) -> Entry {
         let o = space.index_vector(ray.origin - space.domain.origin).to_array();
         let d = cleaned(space.index_vector(ray.direction).to_array());
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
@@ -187,6 +203,9 @@ impl Walk {
         // The stretch inside the box grown by e on every side.
         let inside = |e: f64| {
             let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
+            if !clips.is_empty() {
+                (t0, t1) = kept(ray, clips, space.reach(ray), side(e));
+            }
             for a in 0..3 {
                 let hi = space.domain.hi[a] + e;
                 if d[a] == 0.0 {

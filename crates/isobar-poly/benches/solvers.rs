@@ -2,6 +2,7 @@
 //!
 //! Degree 9, coefficients uniform in [-1, 1), tolerance 1e-6 on [0, 1]. Every solver gets its input in its own form, converted
 //! outside of the timed part (power coefficients, highest first for `rpoly`). Before timing, the numbers of roots are compared in this process.
+//! Widths of our brackets are printed before. The f32 packets are also timed at 1e-4, where f32 alone reaches the width for most (no f64 step).
 //! `first`: the first root. `all`: every root in [0, 1] (`rpoly`: every complex root on the plane; it cannot do less).
 
 #[path = "../tests/exact/mod.rs"]
@@ -9,7 +10,9 @@ mod exact;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use exact::{Random, Verdict, check_all, check_first};
-use isobar_poly::{First, LANES, Level, Tolerance, all_roots, bernstein, first_root, first_roots_at, packet};
+use isobar_poly::{
+    First, LANES, Level, Roots, Tolerance, all_roots, bernstein, first_root, first_roots_at, packet, roots_of_packets_at,
+};
 use std::hint::black_box;
 use std::time::Duration;
 
@@ -78,6 +81,58 @@ fn rpoly_real(a: &[f64; 10]) -> usize {
     })
 }
 
+/// Prints how wide brackets are.
+fn widths(name: &str, mut w: Vec<f32>) {
+    w.sort_by(f32::total_cmp);
+    let wide = w.iter().filter(|w| f64::from(**w) > WIDTH).count();
+    println!(
+        "{name}: {wide} of {} brackets wider than {WIDTH:e}, median {:.1e}, widest {:.1e}",
+        w.len(),
+        w[w.len() / 2],
+        w[w.len() - 1]
+    );
+}
+
+/// The packets' answers are those of the scalar f32 solver, and their widths and times.
+fn in_packets(c: &mut Criterion, packets: &[[[f32; LANES]; 10]], b: &[[f32; 10]]) {
+    let mut out = vec![[First::None; LANES]; packets.len()];
+    let mut all = vec![[Roots::default(); LANES]; packets.len()];
+    for width in [WIDTH as f32, 1e-4] {
+        let t = Tolerance::new(width);
+        for (name, level) in [("avx512", Level::Avx512), ("avx2", Level::Avx2), ("base", Level::Base)] {
+            if level > Level::detect() {
+                continue;
+            }
+            first_roots_at(level, packets, &t, &mut out);
+            roots_of_packets_at(level, packets, &t, &mut all);
+            for ((b, first), all) in b.iter().zip(out.iter().flatten()).zip(all.iter().flatten()) {
+                assert_eq!(*first, first_root(b, &t));
+                assert_eq!(all.as_slice(), all_roots(b, &t).as_slice());
+            }
+            if level == Level::detect() {
+                let brackets = out.iter().flatten().filter_map(First::root).map(|r| r.hi - r.lo);
+                widths(&format!("f32 packets asked for {width:e}"), brackets.collect());
+            }
+            for all_of_them in [false, true] {
+                let group = if all_of_them { "degree-9-all" } else { "degree-9-first" };
+                let mut g = c.benchmark_group(group);
+                g.throughput(Throughput::Elements(COUNT as u64));
+                let asked = if width > 1e-5 { "-to-1e-4" } else { "" };
+                g.bench_function(format!("isobar-f32x16-{name}{asked}"), |bench| {
+                    bench.iter(|| {
+                        if all_of_them {
+                            roots_of_packets_at(level, black_box(packets), &t, black_box(&mut all));
+                        } else {
+                            first_roots_at(level, black_box(packets), &t, black_box(&mut out));
+                        }
+                    });
+                });
+                g.finish();
+            }
+        }
+    }
+}
+
 fn degree_9(c: &mut Criterion) {
     let b = polynomials::<10>();
     let (a, b32) = (power(&b), narrow(&b));
@@ -94,22 +149,7 @@ fn degree_9(c: &mut Criterion) {
         .chunks_exact(LANES)
         .map(|p| packet::<10>(p.try_into().expect("16")))
         .collect();
-    let mut out = vec![[First::None; LANES]; packets.len()];
-    for (name, level) in [("avx512", Level::Avx512), ("avx2", Level::Avx2), ("base", Level::Base)] {
-        if level > Level::detect() {
-            continue;
-        }
-        first_roots_at(level, &packets, &t32, &mut out);
-        for (b, answer) in b32.iter().zip(out.iter().flatten()) {
-            assert_eq!(*answer, first_root(b, &t32));
-        }
-        let mut g = c.benchmark_group("degree-9-first");
-        g.throughput(Throughput::Elements(COUNT as u64));
-        g.bench_function(format!("isobar-f32x16-{name}"), |b| {
-            b.iter(|| first_roots_at(level, black_box(&packets), &t32, black_box(&mut out)));
-        });
-        g.finish();
-    }
+    in_packets(c, &packets, &b32);
     time(c, "degree-9-all", "isobar-f64", &b, |b| all_roots(b, &t64));
     time(c, "degree-9-all", "isobar-f32", &b32, |b| all_roots(b, &t32));
     time(c, "degree-9-all", "poly-cool", &cool, |p| p.roots_between(0.0, 1.0, WIDTH));

@@ -7,7 +7,9 @@
 mod exact;
 
 use exact::Random;
-use isobar_poly::{First, LANES, Level, Tolerance, all_roots, bernstein, first_root, first_roots_at, packet};
+use isobar_poly::{
+    First, LANES, Level, Roots, Tolerance, all_roots, bernstein, first_root, first_roots_at, packet, roots_of_packets_at,
+};
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -56,12 +58,18 @@ fn main() {
     best("first root, f64", || over(&b, |b| first_root(b, &t64)));
     best("first root, f32", || over(&b32, |b| first_root(b, &t32)));
     let mut out = vec![[First::None; LANES]; packets.len()];
+    let mut all = vec![[Roots::default(); LANES]; packets.len()];
     for level in [Level::Avx512, Level::Avx2, Level::Base] {
-        if level <= Level::detect() {
-            let name = format!("first root, f32 packets, {level:?}");
-            best(&name, || {
-                first_roots_at(level, black_box(&packets), &t32, black_box(&mut out))
-            });
+        for width in [1e-6f32, 1e-4] {
+            if level <= Level::detect() {
+                let t = Tolerance::new(width);
+                best(&format!("first root, f32 packets, {level:?}, to {width:e}"), || {
+                    first_roots_at(level, black_box(&packets), &t, black_box(&mut out))
+                });
+                best(&format!("all roots, f32 packets, {level:?}, to {width:e}"), || {
+                    roots_of_packets_at(level, black_box(&packets), &t, black_box(&mut all))
+                });
+            }
         }
     }
     best("all roots, f64", || over(&b, |b| all_roots(b, &t64)));

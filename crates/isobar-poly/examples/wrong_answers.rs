@@ -5,8 +5,8 @@
 #[path = "../tests/exact/mod.rs"]
 mod exact;
 
-use exact::{Random, Verdict, check_first};
-use isobar_poly::{First, LANES, Root, RootKind, Tolerance, first_root, first_roots, packet};
+use exact::{Answer, Random, Verdict, check_all, check_first, widen};
+use isobar_poly::{First, LANES, Root, RootKind, Roots, Tolerance, all_roots, first_root, first_roots, packet, roots_of_packets};
 use std::thread;
 use std::time::Instant;
 
@@ -30,7 +30,16 @@ struct Tally {
 
 impl Tally {
     fn count(&mut self, b: &[f64], answer: &First<f64>) {
-        match check_first(b, answer) {
+        self.judge(check_first(b, answer), answer.root().into_iter().copied().collect());
+    }
+
+    fn count_all(&mut self, b: &[f64], answer: Answer) {
+        let roots = answer.roots.clone();
+        self.judge(check_all(b, answer), roots);
+    }
+
+    fn judge(&mut self, verdict: Verdict, roots: Vec<Root<f64>>) {
+        match verdict {
             Verdict::Wrong(why) => {
                 self.wrong += 1;
                 self.examples.push(why);
@@ -38,10 +47,10 @@ impl Tally {
                 return;
             }
             Verdict::Flagged => self.undecided += 1,
-            Verdict::Right if answer.root().is_some() => self.root += 1,
-            Verdict::Right => self.none += 1,
+            Verdict::Right if roots.is_empty() => self.none += 1,
+            Verdict::Right => self.root += 1,
         }
-        if let Some(r) = answer.root().filter(|r| r.kind == RootKind::Crossing) {
+        for r in roots.iter().filter(|r| r.kind == RootKind::Crossing) {
             self.wide += u64::from(r.hi - r.lo > WIDTH);
             self.widest = self.widest.max(r.hi - r.lo);
         }
@@ -58,34 +67,21 @@ impl Tally {
     }
 }
 
-fn widen(a: &First<f32>) -> First<f64> {
-    match *a {
-        First::None => First::None,
-        First::GaveUp { at } => First::GaveUp { at: at.into() },
-        First::Root(r) => First::Root(Root {
-            lo: r.lo.into(),
-            hi: r.hi.into(),
-            t: r.t.into(),
-            kind: r.kind,
-        }),
-    }
-}
-
-fn work(packets: u64, seed: u64) -> [Tally; 2] {
+fn work(packets: u64, seed: u64) -> [Tally; 4] {
     let mut random = Random::new(seed);
-    let mut tallies = [Tally::default(), Tally::default()];
+    let mut tallies: [Tally; 4] = Default::default();
     for _ in 0..packets {
         // 24 bits, so that both solvers see the same polynomials.
         let b: [[f64; DEGREE + 1]; LANES] = std::array::from_fn(|_| std::array::from_fn(|_| random.signed24()));
-        let mut out = [[First::None; LANES]];
-        first_roots(
-            &[packet(&b.map(|p| p.map(|x| x as f32)))],
-            &Tolerance::new(WIDTH as f32),
-            &mut out,
-        );
-        for (b, narrow) in b.iter().zip(&out[0]) {
+        let input = [packet(&b.map(|p| p.map(|x| x as f32)))];
+        let (mut first, mut all) = ([[First::None; LANES]], [[Roots::default(); LANES]]);
+        first_roots(&input, &Tolerance::new(WIDTH as f32), &mut first);
+        roots_of_packets(&input, &Tolerance::new(WIDTH as f32), &mut all);
+        for ((b, first), all) in b.iter().zip(&first[0]).zip(&all[0]) {
             tallies[0].count(b, &first_root(b, &Tolerance::new(WIDTH)));
-            tallies[1].count(b, &widen(narrow));
+            tallies[1].count(b, &widen(first));
+            tallies[2].count_all(b, (&all_roots(b, &Tolerance::new(WIDTH))).into());
+            tallies[3].count_all(b, all.into());
         }
     }
     tallies
@@ -101,7 +97,7 @@ fn main() {
     let start = Instant::now();
     let threads = thread::available_parallelism().map_or(1, |n| n.get() as u64);
     let packets = count.div_ceil(LANES as u64 * threads);
-    let mut total = [Tally::default(), Tally::default()];
+    let mut total: [Tally; 4] = Default::default();
     thread::scope(|scope| {
         let parts: Vec<_> = (0..threads)
             .map(|k| scope.spawn(move || work(packets, seed * 1000 + k)))
@@ -118,7 +114,8 @@ fn main() {
         start.elapsed().as_secs_f64()
     );
     println!("| solver | no root | root | undecided | wrong | wider than asked | widest |\n|---|---|---|---|---|---|---|");
-    for (name, t) in ["f64", "f32 packets"].iter().zip(&total) {
+    let names = ["first, f64", "first, f32 packets", "all, f64", "all, f32 packets"];
+    for (name, t) in names.iter().zip(&total) {
         println!(
             "| {name} | {} | {} | {} | {} | {} | {:.1e} |",
             t.none, t.root, t.undecided, t.wrong, t.wide, t.widest

@@ -107,6 +107,12 @@ impl<T: Real> Roots<T> {
         }
     }
 
+    #[inline(always)]
+    pub(crate) fn clear(&mut self) {
+        self.len = 0;
+        self.gave_up = None;
+    }
+
     pub(crate) fn give_up(&mut self, at: T) {
         self.gave_up = Some(at);
     }
@@ -121,6 +127,13 @@ impl<T: Real> Roots<T> {
     #[must_use]
     pub fn gave_up(&self) -> Option<T> {
         self.gave_up
+    }
+}
+
+/// No roots.
+impl<T: Real> Default for Roots<T> {
+    fn default() -> Self {
+        Self::new()
     }
 }
 

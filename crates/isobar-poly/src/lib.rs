@@ -10,7 +10,7 @@
 //! Conversions, evaluation, derivative, subdivision and elevation work in place and allocate nothing.
 //!
 //! # Root finders
-//! [`first_root`] and [`all_roots`] (scalar, f32 or f64) and [`first_roots`] (packets of sixteen f32 polynomials, the same
+//! [`first_root`] and [`all_roots`] (scalar, f32 or f64); [`first_roots`] and [`roots_of_packets`] (packets of sixteen f32 polynomials, the same
 //! answers bit for bit). "No root", "root in [lo, hi]" and "gave up" are different values.
 //!
 //! ```
@@ -37,7 +37,8 @@
 //! - [`First::None`]: p has no root in [0, 1].
 //! - [`RootKind::Crossing`], [`RootKind::End`]: the bracket contains a root (an odd number with multiplicity; for `End` at `t`), and `[0, lo)`
 //!   contains none. With [`all_roots`]: nothing outside of the brackets is a root.
-//! - A bracket is at most [`Tolerance::width`] wide unless the sign of p is not certain closer to the root. A `Crossing` of at most the
+//! - A bracket is at most [`Tolerance::width`] wide unless the sign of p is not certain closer to the root, or (f32) numbers there are not close
+//!   enough. f32 solvers find the root in f32, and where that leaves the bracket too wide, take signs in f64. A `Crossing` of at most the
 //!   wanted width found by Newton's iteration is one simple root.
 //!
 //! Not proved, and said so by its own value:
@@ -63,12 +64,13 @@ pub mod power;
 mod real;
 mod refine;
 pub mod scaled;
+mod sharpen;
 mod simd;
 mod solve;
 mod solvers;
 
 pub use answer::{First, Root, RootKind, Roots, Tolerance};
-pub use packet::{Level, first_roots, first_roots_at, packet};
+pub use packet::{Level, first_roots, first_roots_at, packet, roots_of_packets, roots_of_packets_at};
 pub use real::{MAX_DEGREE, Real};
 pub use simd::LANES;
 pub use solve::{all_roots, first_root};

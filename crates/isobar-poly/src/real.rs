@@ -7,9 +7,38 @@ use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 pub const MAX_DEGREE: usize = 27;
 
 mod sealed {
-    pub trait Sealed {}
-    impl Sealed for f32 {}
-    impl Sealed for f64 {}
+    pub trait Sealed: Sized {
+        /// The bracket and estimate `[lo, hi, t]` of a root, found in this precision, as narrow as the next higher one makes it: see `sharpen.rs`.
+        fn sharpen<const CAP: usize>(
+            b: &[Self; CAP],
+            m: usize,
+            error: Self,
+            width: Self,
+            rising: bool,
+            bracket: [Self; 3],
+        ) -> [Self; 3];
+    }
+
+    impl Sealed for f32 {
+        #[inline(always)]
+        fn sharpen<const CAP: usize>(
+            b: &[f32; CAP],
+            m: usize,
+            error: f32,
+            width: f32,
+            rising: bool,
+            bracket: [f32; 3],
+        ) -> [f32; 3] {
+            crate::sharpen::sharpen(b, m, error, width, rising, bracket)
+        }
+    }
+
+    impl Sealed for f64 {
+        #[inline(always)]
+        fn sharpen<const CAP: usize>(_: &[f64; CAP], _: usize, _: f64, _: f64, _: bool, bracket: [f64; 3]) -> [f64; 3] {
+            bracket
+        }
+    }
 }
 
 /// `f32` or `f64`: what polynomial code needs of a number, with IEEE 754 rounding and no contraction into fused operations

@@ -64,6 +64,15 @@ impl<T: Real, const CAP: usize> Local<T, CAP> {
         }
     }
 
+    /// p over all of [0, 1], of which only the way p goes through zero near the root sought is told by `rising`.
+    #[inline(always)]
+    pub(crate) fn on_all(b: &[T; CAP], m: usize, error: T, most: T, rising: bool) -> Self {
+        Self {
+            rising,
+            ..Self::new(b, m, error, most)
+        }
+    }
+
     /// p(x).
     #[inline(always)]
     fn value(&self, x: T) -> T {
@@ -78,7 +87,7 @@ impl<T: Real, const CAP: usize> Local<T, CAP> {
 
     /// p(x), p'(x).
     #[inline(always)]
-    fn value_and_slope(&self, x: T) -> (T, T) {
+    pub(crate) fn value_and_slope(&self, x: T) -> (T, T) {
         let r = T::ONE - x;
         let (mut p, mut q, mut power) = (self.s[0], self.d[0], T::ONE);
         for i in 1..self.m {
@@ -129,7 +138,8 @@ impl<T: Real, const CAP: usize> Local<T, CAP> {
     }
 
     /// Certain sign relative to the root: -1 left of it, 1 right of it, 0 not certain.
-    fn side(&self, x: T) -> i8 {
+    #[inline(always)]
+    pub(crate) fn side(&self, x: T) -> i8 {
         let p = self.value(x);
         match (p.abs() > self.error, (p > T::ZERO) == self.rising) {
             (false, _) => 0,
@@ -138,11 +148,10 @@ impl<T: Real, const CAP: usize> Local<T, CAP> {
         }
     }
 
-    /// Bisection to a bracket of `2 half`, or to the band in which signs are not certain and then outward to its borders. Always succeeds.
+    /// Bisection of [lo, hi], at whose ends signs are certain and differ, to a bracket of `2 half`, or to the band in which signs are not certain and then outward to its borders. Always succeeds.
     #[cold]
     #[inline(never)]
-    pub(crate) fn bisect(&self, half: T) -> Bracket<T> {
-        let (mut lo, mut hi) = (T::ZERO, T::ONE);
+    pub(crate) fn bisect(&self, mut lo: T, mut hi: T, half: T) -> Bracket<T> {
         loop {
             let x = lo + (hi - lo) * T::HALF;
             if hi - lo <= half + half || x <= lo || x >= hi {

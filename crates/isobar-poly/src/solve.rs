@@ -79,6 +79,8 @@ fn run<T: Real, C: Collect<T>, const CAP: usize, const DYN: bool>(b: &[T], toler
     let (first, last) = (cell[0], cell[m - 1]);
     let mut walk = Walk::<T, C, CAP, DYN> {
         out,
+        whole: &cell,
+        error,
         m,
         width: tolerance.width,
         splits: tolerance.splits,
@@ -121,6 +123,9 @@ struct Region<T> {
 
 struct Walk<'a, T, C, const CAP: usize, const DYN: bool> {
     out: &'a mut C,
+    /// Coefficients over [0, 1], each wrong by at most `error`.
+    whole: &'a [T; CAP],
+    error: T,
     m: usize,
     width: T,
     splits: u32,
@@ -179,14 +184,19 @@ impl<T: Real, C: Collect<T>, const CAP: usize, const DYN: bool> Walk<'_, T, C, C
         let half = self.width * T::from_f64(HALF_WIDTH) / w;
         let x = match local.newton(polygon_crossing(&b[..m]), half) {
             Some(x) => x,
-            None => local.bisect(half),
+            None => local.bisect(T::ZERO, T::ONE, half),
         };
         self.sign = 1 - 2 * b[m - 1].sign_bit() as i8;
         let (lo, hi) = outward(a, w, x.lo, x.hi);
+        let mut bracket = [lo, hi, a + w * x.x];
+        if hi - lo > self.width {
+            bracket = T::sharpen(self.whole, m, self.error, self.width, b[m - 1] > T::ZERO, bracket);
+        }
+        let [lo, hi, t] = bracket;
         let root = Root {
             lo,
             hi,
-            t: a + w * x.x,
+            t,
             kind: RootKind::Crossing,
         };
         if self.out.take(root) { Flow::Done } else { Flow::On }

@@ -1,6 +1,8 @@
 //! The crate's root finders by name, for tables that compare root finders on the same polynomials.
 
-use crate::{First, LANES, MAX_DEGREE, Real, Root, Roots, Tolerance, all_roots, first_root, first_roots, packet};
+use crate::{
+    First, LANES, MAX_DEGREE, Real, Root, Roots, Tolerance, all_roots, first_root, first_roots, packet, roots_of_packets,
+};
 
 /// First root from f64 Bernstein coefficients.
 pub type FindFirst = fn(&[f64]) -> First<f64>;
@@ -67,7 +69,14 @@ pub fn solvers() -> &'static [NamedSolver] {
                     widen_first(first_in_packet(&c[..m], &tolerance_f32(error)))
                 })
             },
-            all: None,
+            all: Some(|b| {
+                let mut out = Roots::new();
+                match rounded(b) {
+                    Some((c, m, error)) => widen_all(&all_in_packet(&c[..m], &tolerance_f32(error)), &mut out),
+                    None => out.give_up(0.0),
+                }
+                out
+            }),
         },
     ]
 }
@@ -110,26 +119,48 @@ fn rounded(b: &[f64]) -> Option<([f32; MAX_DEGREE + 1], usize, f32)> {
     Some((c, b.len(), if error > 0.0 { bound.above() } else { 0.0 }))
 }
 
-/// Sixteen copies in a packet; the answer is that of a middle lane.
+/// Runs `$run` for the number of coefficients, or `$alone` above degree 9.
+macro_rules! by_degree {
+    ($c:expr, $tolerance:expr, $run:ident, $alone:expr) => {
+        match $c.len() {
+            2 => $run::<2>($c, $tolerance),
+            3 => $run::<3>($c, $tolerance),
+            4 => $run::<4>($c, $tolerance),
+            5 => $run::<5>($c, $tolerance),
+            6 => $run::<6>($c, $tolerance),
+            7 => $run::<7>($c, $tolerance),
+            8 => $run::<8>($c, $tolerance),
+            9 => $run::<9>($c, $tolerance),
+            10 => $run::<10>($c, $tolerance),
+            _ => $alone,
+        }
+    };
+}
+
+/// Sixteen copies in a packet.
+fn copies<const M: usize>(c: &[f32]) -> [[f32; LANES]; M] {
+    let one: [f32; M] = std::array::from_fn(|i| c[i]);
+    packet(&[one; LANES])
+}
+
+/// The first root by a packet of copies; the answer is that of a middle lane.
 fn first_in_packet(c: &[f32], tolerance: &Tolerance<f32>) -> First<f32> {
     fn run<const M: usize>(c: &[f32], tolerance: &Tolerance<f32>) -> First<f32> {
-        let one: [f32; M] = std::array::from_fn(|i| c[i]);
         let mut out = [[First::None; LANES]];
-        first_roots(&[packet(&[one; LANES])], tolerance, &mut out);
+        first_roots(&[copies::<M>(c)], tolerance, &mut out);
         out[0][LANES / 2]
     }
-    match c.len() {
-        2 => run::<2>(c, tolerance),
-        3 => run::<3>(c, tolerance),
-        4 => run::<4>(c, tolerance),
-        5 => run::<5>(c, tolerance),
-        6 => run::<6>(c, tolerance),
-        7 => run::<7>(c, tolerance),
-        8 => run::<8>(c, tolerance),
-        9 => run::<9>(c, tolerance),
-        10 => run::<10>(c, tolerance),
-        _ => first_root(c, tolerance),
+    by_degree!(c, tolerance, run, first_root(c, tolerance))
+}
+
+/// As [`first_in_packet`], all roots.
+fn all_in_packet(c: &[f32], tolerance: &Tolerance<f32>) -> Roots<f32> {
+    fn run<const M: usize>(c: &[f32], tolerance: &Tolerance<f32>) -> Roots<f32> {
+        let mut out = [[Roots::default(); LANES]];
+        roots_of_packets(&[copies::<M>(c)], tolerance, &mut out);
+        out[0][LANES / 2]
     }
+    by_degree!(c, tolerance, run, all_roots(c, tolerance))
 }
 
 fn widen(r: &Root<f32>) -> Root<f64> {

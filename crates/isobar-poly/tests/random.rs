@@ -2,8 +2,8 @@
 
 mod exact;
 
-use exact::{Random, Verdict, check_all, check_first, check_first_by_sturm};
-use isobar_poly::{First, Tolerance, all_roots, first_root, first_roots, packet};
+use exact::{Random, Verdict, check_all, check_first, check_first_by_sturm, widen};
+use isobar_poly::{First, RootKind, Roots, Tolerance, all_roots, first_root, first_roots, packet, roots_of_packets};
 
 const PER_DEGREE: usize = 100_000;
 
@@ -16,38 +16,35 @@ fn flagged(v: Verdict) -> usize {
     }
 }
 
-fn widen(a: &First<f32>) -> First<f64> {
-    match *a {
-        First::None => First::None,
-        First::GaveUp { at } => First::GaveUp { at: at.into() },
-        First::Root(r) => First::Root(isobar_poly::Root {
-            lo: r.lo.into(),
-            hi: r.hi.into(),
-            t: r.t.into(),
-            kind: r.kind,
-        }),
-    }
-}
-
-/// First root in f64, all roots in f64, first root in f32 packets.
+/// First root and all roots, in f64 and in f32 packets; brackets of the f32 ones as narrow as asked.
 fn degree<const M: usize>() {
     let mut random = Random::new(M as u64);
-    let (mut unsure, mut unsure_f32) = (0, 0);
+    let (mut unsure, mut unsure_f32, mut wide) = (0, 0, 0);
     for _ in 0..PER_DEGREE / 16 {
         let b: [[f64; M]; 16] = std::array::from_fn(|_| std::array::from_fn(|_| random.signed24()));
         for b in &b {
             unsure += flagged(check_first(b, &first_root(b, &Tolerance::new(1e-6))));
             unsure += flagged(check_all(b, &all_roots(b, &Tolerance::new(1e-9))));
         }
+        let input = [packet(&b.map(|p| p.map(|x| x as f32)))];
         let mut out = [[First::None; 16]];
-        first_roots(&[packet(&b.map(|p| p.map(|x| x as f32)))], &Tolerance::new(1e-6), &mut out);
+        first_roots(&input, &Tolerance::new(1e-6), &mut out);
         for (b, a) in b.iter().zip(&out[0]) {
             unsure_f32 += flagged(check_first(b, &widen(a)));
+        }
+        let mut all = [[Roots::default(); 16]];
+        roots_of_packets(&input, &Tolerance::new(1e-6), &mut all);
+        for (b, a) in b.iter().zip(&all[0]) {
+            unsure_f32 += flagged(check_all(b, a));
+            let crossings = a.as_slice().iter().filter(|r| r.kind == RootKind::Crossing);
+            wide += crossings.filter(|r| r.hi - r.lo > 1e-6).count();
         }
     }
     // Two roots, or a root and an end, within 1e-8 of each other (f64) or 1e-3 (f32).
     assert!(unsure <= 1, "{unsure} of {PER_DEGREE}");
-    assert!(unsure_f32 <= PER_DEGREE / 1000, "{unsure_f32} of {PER_DEGREE}");
+    assert!(unsure_f32 <= 2 * PER_DEGREE / 1000, "{unsure_f32} of {PER_DEGREE}");
+    // Roots that f32 coefficients with rounding errors from halving could not part.
+    assert!(wide <= PER_DEGREE / 10_000, "{wide} of {PER_DEGREE}");
 }
 
 #[test]

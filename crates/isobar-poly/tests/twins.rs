@@ -3,7 +3,7 @@
 mod exact;
 
 use exact::Random;
-use isobar_poly::{First, LANES, Level, Tolerance, first_root, first_roots_at, packet};
+use isobar_poly::{First, LANES, Level, Roots, Tolerance, all_roots, first_root, first_roots_at, packet, roots_of_packets_at};
 
 /// Bits of an answer: `==` would let -0 pass for 0.
 fn bits(a: &First<f32>) -> [u32; 5] {
@@ -12,6 +12,15 @@ fn bits(a: &First<f32>) -> [u32; 5] {
         First::Root(r) => [1, r.lo.to_bits(), r.hi.to_bits(), r.t.to_bits(), r.kind as u32],
         First::GaveUp { at } => [2, at.to_bits(), 0, 0, 0],
     }
+}
+
+fn all_bits(a: &Roots<f32>) -> Vec<[u32; 5]> {
+    let end = a.gave_up().map(|at| First::GaveUp { at });
+    a.as_slice()
+        .iter()
+        .map(|r| bits(&First::Root(*r)))
+        .chain(end.iter().map(bits))
+        .collect()
 }
 
 fn compare<const M: usize>(mut next: impl FnMut() -> f32, packets: usize, tolerance: &Tolerance<f32>) {
@@ -24,6 +33,12 @@ fn compare<const M: usize>(mut next: impl FnMut() -> f32, packets: usize, tolera
         first_roots_at(level, &input, tolerance, &mut out);
         for (p, a) in polynomials.iter().flatten().zip(out.iter().flatten()) {
             assert_eq!(bits(a), bits(&first_root(p, tolerance)), "{level:?} {p:?}");
+        }
+        // What the places held before does not matter.
+        let mut out = vec![[all_roots(&[-1.0, 1.0], tolerance); LANES]; packets];
+        roots_of_packets_at(level, &input, tolerance, &mut out);
+        for (p, a) in polynomials.iter().flatten().zip(out.iter().flatten()) {
+            assert_eq!(all_bits(a), all_bits(&all_roots(p, tolerance)), "{level:?} {p:?}");
         }
     }
 }

@@ -139,6 +139,12 @@ impl Active {
         self.cells.len()
     }
 
+    /// The word of the node with these indices.
+    #[inline(always)]
+    pub(crate) fn word_of(&self, node: [i32; 3]) -> usize {
+        (node[2] as usize * self.dims[1] + node[1] as usize) * self.dims[0] + node[0] as usize
+    }
+
     /// The bricks of node `w`.
     #[inline(always)]
     pub(crate) fn word(&self, w: usize) -> u64 {

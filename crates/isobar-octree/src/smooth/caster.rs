@@ -15,6 +15,7 @@ use super::lattice::{Entry, Lattice, Path, Space, three};
 use super::roots::{Candidate, Segment, Track};
 use super::vector::{Isa, Register};
 use crate::bricks::bit;
+use crate::packet::{RaySet, holds};
 use crate::trilinear::MARGIN;
 use crate::walk::Bounds;
 use glam::DVec3;
@@ -27,6 +28,7 @@ use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
 pub(crate) struct Work {
     pub(crate) nodes: u64,
     pub(crate) bricks: u64,
+    /// Active cells crossed.
     pub(crate) cells: u64,
     /// Compositions in f32.
     pub(crate) filtered: u64,
@@ -54,6 +56,8 @@ pub(crate) struct DrawTile<'a, 'b, S, I> {
     pub(crate) surfaces: &'a Isovalues,
     pub(crate) tile: Tile,
     pub(crate) out: &'a mut TileOut<'b>,
+    /// Only these.
+    pub(crate) rays: Option<RaySet>,
     pub(crate) kind: std::marker::PhantomData<(S, I)>,
 }
 
@@ -96,6 +100,7 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             surfaces,
             tile,
             out,
+            rays: only,
             ..
         } = self;
         let rays = view.generator();
@@ -112,6 +117,9 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
         let mut eye = rays.ray(tile.x, tile.y).origin;
         let mut margin = search.space.margin(eye);
         for (x, y) in tile.pixels() {
+            if only.is_some_and(|set| !holds(&set, x - tile.x, y - tile.y)) {
+                continue;
+            }
             let ray = rays.ray(x, y);
             let before = work.cells;
             if ray.origin != eye {
@@ -123,7 +131,7 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             let mut claim = Claim::empty();
             let mut certain = true;
             if !tracks.is_empty() {
-                match Path::enter(&ray, search.space, margin) {
+                match Path::enter(&ray, search.space, &view.clips, margin) {
                     Entry::Through(path) => {
                         tracks.fill(Track::default());
                         sure &= margin + path.ends <= MARGIN;
@@ -320,7 +328,6 @@ impl Search<'_> {
             let exit = s.exit();
             let te = if exit < t1 { exit } else { t1 };
             let te = if te > t { te } else { t };
-            way.work.cells += 1;
             if mask >> bit(s.at) & 1 != 0 && !self.cell::<S, I>(w, way, s.at, t, te, push) {
                 return false;
             }
@@ -352,6 +359,7 @@ impl Search<'_> {
             t0,
             t1,
         };
+        way.work.cells += 1;
         if way.end != t0 {
             self.skip(way);
         }

@@ -1,9 +1,10 @@
 //! Coefficients with their border, and the ray in the shifted index space of their cells.
 
 use super::basis::Spline;
-use crate::walk::{cleaned, ends};
+use crate::clip::kept;
+use crate::walk::{cleaned, ends, side};
 use glam::DVec3;
-use isobar_core::{Domain, Ray};
+use isobar_core::{ClipPlane, Domain, Ray};
 use isobar_fields::Border;
 
 /// One value per axis. `array::map` is not inlined into functions compiled for more instructions than the crate.
@@ -207,6 +208,12 @@ impl Space {
         }
     }
 
+    /// That of the trilinear caster, without the shift: cells of degree 3 are its cells.
+    #[inline(always)]
+    pub(crate) fn of_degree_1(&self) -> &crate::walk::Space {
+        &self.margin
+    }
+
     /// 12E of a ray, rounded up (twice the 6E + 64u of `crate::walk`). There E bounds the error of a position in index space, per axis. Positions are
     /// moved by as much again when they are cut to the cell they were attributed to, and s changes by at most 2M per unit of an axis: three
     /// axes, 2E, 2M. The shift by a half rounds once more, within the factor of two that E holds in reserve.
@@ -251,9 +258,9 @@ pub(crate) enum Entry {
 }
 
 impl Path {
-    /// The way of a ray through the domain at t >= 0. `margin`: that of the ray.
+    /// The way of a ray through the domain at t >= 0, where the planes keep it. `margin`: that of the ray.
     #[inline(always)]
-    pub(crate) fn enter(ray: &Ray, space: &Space, margin: f64) -> Entry {
+    pub(crate) fn enter(ray: &Ray, space: &Space, clips: &[ClipPlane], margin: f64) -> Entry {
         let o = (space.index_vector(ray.origin - space.origin) + space.shift).to_array();
         let d = cleaned(space.index_vector(ray.direction).to_array());
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
@@ -261,6 +268,9 @@ impl Path {
         // The stretch inside the domain grown by e on every side.
         let inside = |e: f64| {
             let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
+            if !clips.is_empty() {
+                (t0, t1) = kept(ray, clips, space.margin.reach(ray), side(e));
+            }
             for a in 0..3 {
                 let (lo, hi) = (space.lo - e, space.hi[a] + e);
                 if d[a] == 0.0 {
@@ -361,7 +371,7 @@ mod tests {
             origin: DVec3::new(-1.0, 0.5, 0.5),
             direction: DVec3::X,
         };
-        let Entry::Through(p) = Path::enter(&ray, &space, 0.0) else {
+        let Entry::Through(p) = Path::enter(&ray, &space, &[], 0.0) else {
             panic!("it goes through")
         };
         assert_eq!((p.t0, p.t1), (1.0, n as f64));

@@ -2,17 +2,20 @@
 //!
 //! Steinberger 2010, sections 3.2 and 3.3. [`basis`]: the splines and the composition along a ray; [`lattice`]: coefficients, border, index space;
 //! [`bricks`]: which bricks and cells a surface can meet; [`roots`]: from a cell's polynomial to roots, proved where f64 arithmetic can;
-//! [`caster`]: the walk. The plain kinds read the samples where they are; the interpolating ones the f32 coefficients of their [`GridSpline`].
+//! [`caster`]: the walk of a single ray; [`packet`] and [`along`]: tiles of rays together, for the first hit. The plain kinds read the samples where they are; the interpolating ones the f32 coefficients of their [`GridSpline`].
 
+mod along;
 mod basis;
 mod bricks;
 mod caster;
 mod lattice;
+mod packet;
 mod roots;
 #[cfg(test)]
 mod tests;
 mod vector;
 
+use crate::packet::RaySet;
 use crate::trilinear::MARGIN;
 use crate::walk::Bounds;
 use basis::{Cubic, Quadratic, Spline, Table};
@@ -191,8 +194,25 @@ impl Smooth {
     }
 }
 
-/// Draws a tile with the vectors of the level, inside a function compiled for it: the rule of [`vector::Register`].
-fn draw<S: Spline>(search: &Search<'_>, job: Job<'_, '_>) -> Work {
+/// Draws a tile with the vectors of the level, inside functions compiled for it: the rule of [`vector::Register`].
+fn draw<S: Spline>(search: &Search<'_>, mut job: Job<'_, '_>) -> Work {
+    let mut work = Work::default();
+    let rays = packet::draw::<S>(search, &mut job, &mut work);
+    if rays.is_some_and(|r| r.iter().all(|&b| b == 0)) {
+        return work;
+    }
+    let alone = alone::<S>(search, job, rays);
+    Work {
+        nodes: work.nodes + alone.nodes,
+        bricks: work.bricks + alone.bricks,
+        cells: work.cells + alone.cells,
+        filtered: work.filtered + alone.filtered,
+        composed: work.composed + alone.composed,
+    }
+}
+
+/// Draws a tile, or only the given rays of it, ray by ray.
+fn alone<S: Spline>(search: &Search<'_>, job: Job<'_, '_>, rays: Option<RaySet>) -> Work {
     macro_rules! run {
         ($isa:ty) => {
             search.level.run(DrawTile::<S, $isa> {
@@ -201,6 +221,7 @@ fn draw<S: Spline>(search: &Search<'_>, job: Job<'_, '_>) -> Work {
                 surfaces: job.surfaces,
                 tile: job.tile,
                 out: job.out,
+                rays,
                 kind: PhantomData,
             })
         };

@@ -10,6 +10,9 @@ use isobar_poly::{First, RootKind, Tolerance, all_roots, bernstein, first_root};
 /// Brackets in local parameters are at most this wide, where signs are certain that close.
 const WIDTH: f64 = 1e-10;
 
+/// Brackets are asked to be at least this many times as wide as the bound over the mean slope.
+const HIDDEN: f64 = 2.0;
+
 /// A root, where it was found.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Candidate {
@@ -114,9 +117,12 @@ impl Track {
             if changes == 0 {
                 return true;
             }
+            // Where the bound hides the sign further than WIDTH from the root, as it does where s is flat, there is no use in asking for less: isobar-poly
+            // would bisect to the borders of what cannot be told, at ten times the cost of Newton's iteration. `bound / rise` is how far that is.
+            let rise = (b[b.len() - 1] - b[0]).abs();
             let tolerance = Tolerance {
                 error: bound,
-                ..Tolerance::new(WIDTH)
+                ..Tolerance::new(WIDTH.max(HIDDEN * bound / rise))
             };
             if let First::Root(r) = first_root(b, &tolerance) {
                 found.push(segment.candidate(r.lo, r.t, r.hi, true, surface));

@@ -371,3 +371,76 @@ fn what_cannot_be_is_refused_and_knobs_take_effect() {
         assert!(f.t == want.t && f.claim.iter().all(|c| c.is_empty()) && f.t_error.iter().all(|e| e.is_infinite()));
     }
 }
+
+/// Views from outside and inside, parallel rays, axes in any direction, images that tiles do not divide, directions of both signs in a tile; noise has
+/// every case in it.
+#[test]
+fn packets_agree_with_single_rays_and_the_oracle() {
+    let turned = DMat3::from_rotation_z(0.3) * DMat3::from_rotation_x(-1.1);
+    let grids = [
+        noise([19, 14, 23], DVec3::new(1.0, 1.5, 0.7), DMat3::IDENTITY, 4),
+        noise([8, 9, 7], DVec3::ONE, turned, 5),
+    ];
+    let isovalue = [Surface::isovalue(0.55, 0)];
+    for (data, kind) in grids.iter().flat_map(|d| SMOOTH.map(|k| (d, k))) {
+        let (lo, hi) = data.bounds();
+        let (middle, size) = ((lo + hi) * 0.5, hi - lo);
+        let look = |eye: DVec3, to: DVec3| View::perspective(eye, to, DVec3::new(0.1, 0.2, 1.0), 50.0, 75, 50);
+        let views = [
+            View::fit(data.bounds(), 40.0, 75, 50),
+            look(middle + size * 0.2, middle - size),
+            look(lo + size * DVec3::new(0.5, 0.01, 0.5), hi),
+            View {
+                camera: isobar_core::Camera::Orthographic {
+                    eye: middle + size * DVec3::new(1.0, -1.4, 0.8),
+                    target: middle,
+                    up: DVec3::Z,
+                    height: size.length(),
+                },
+                ..View::bench(75, 50)
+            },
+        ];
+        for (i, view) in views.iter().enumerate() {
+            let (one, r) = draw(kind, data, &isovalue, view, 1);
+            let (together, packets) = {
+                let request = Request {
+                    channels: Channels::all() - Channels::HITS,
+                    knobs: Knobs::default().with("reconstruction", kind.name()),
+                    ..Request::default()
+                };
+                let mut r = OCTREE_CPU.open(&request).unwrap();
+                r.set_data(data).unwrap();
+                r.set_surfaces(&isovalue).unwrap();
+                r.set_view(view).unwrap();
+                r.render(&Stop::default()).unwrap();
+                let mut f = Frame::default();
+                r.read(&mut f).unwrap();
+                (f, r)
+            };
+            let count = |r: &dyn Renderer, name: &str| r.counters().0.iter().find(|c| c.0 == name).map_or(0, |c| c.1);
+            let alone = count(&*r, "compositions in f32");
+            assert!(
+                count(&*packets, "compositions in f32") * 2 < alone || i == 1,
+                "{kind}, view {i}: most rays go together"
+            );
+            let f = r.reconstruction(Stage::Stored).unwrap();
+            let truth = Truth::compute(&f, &isovalue, view, &Stop::default()).unwrap();
+            let c = check(&together, &truth, &f, &isovalue, view).unwrap();
+            let wrong = (c.missed, c.false_hits, c.wrong_root, c.wrong_surface, c.refuted);
+            assert_eq!(wrong, (0, 0, 0, 0, 0), "{kind}, view {i}");
+            assert!(c.hits > 100, "{kind}, view {i}: {} hits", c.hits);
+            assert_eq!(one.claim, together.claim, "{kind}, view {i}");
+            for (p, (a, b)) in one.t.iter().zip(&together.t).enumerate() {
+                // Each within its proved bound: up to 2e-8 apart where a ray grazes noise.
+                let proved = one.t_error[p] + together.t_error[p];
+                assert!(
+                    a == b || (proved.is_finite() && (a - b).abs() <= proved),
+                    "{kind}, view {i}, pixel {p}: {a} and {b}, {proved}"
+                );
+            }
+            let apart = |a: &[f32; 3], b: &[f32; 3]| (0..3).any(|k| (a[k] - b[k]).abs() > 1e-4);
+            let normals = one.normal.iter().zip(&together.normal);
+            assert_eq!(normals.filter(|(a, b)| apart(a, b)).count(), 0, "{kind}, view {i}");
+        }
+    }
+}

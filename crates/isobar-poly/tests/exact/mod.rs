@@ -264,6 +264,48 @@ pub(crate) enum Verdict {
     Wrong(String),
 }
 
+/// The same answer in f64.
+pub(crate) fn widen(a: &First<f32>) -> First<f64> {
+    match *a {
+        First::None => First::None,
+        First::GaveUp { at } => First::GaveUp { at: at.into() },
+        First::Root(r) => First::Root(wide_root(&r)),
+    }
+}
+
+fn wide_root(r: &Root<f32>) -> Root<f64> {
+    Root {
+        lo: r.lo.into(),
+        hi: r.hi.into(),
+        t: r.t.into(),
+        kind: r.kind,
+    }
+}
+
+/// The roots in f64, and where the search gave up.
+pub(crate) struct Answer {
+    pub(crate) roots: Vec<Root<f64>>,
+    pub(crate) gave_up: Option<f64>,
+}
+
+impl From<&Roots<f64>> for Answer {
+    fn from(a: &Roots<f64>) -> Self {
+        Self {
+            roots: a.as_slice().to_vec(),
+            gave_up: a.gave_up(),
+        }
+    }
+}
+
+impl From<&Roots<f32>> for Answer {
+    fn from(a: &Roots<f32>) -> Self {
+        Self {
+            roots: a.as_slice().iter().map(wide_root).collect(),
+            gave_up: a.gave_up().map(f64::from),
+        }
+    }
+}
+
 /// Is this answer true of the polynomial with exactly these coefficients?
 pub(crate) fn check_first(b: &[f64], answer: &First<f64>) -> Verdict {
     let wrong = |why: &str| Verdict::Wrong(format!("{why}: {answer:?} for {b:?}"));
@@ -364,10 +406,11 @@ fn none_before(p: &Exact, chain: &[Vec<BigInt>], x: f64) -> bool {
 }
 
 /// Are these all roots, each in its own bracket?
-pub(crate) fn check_all(b: &[f64], answer: &Roots<f64>) -> Verdict {
-    let roots = answer.as_slice();
+pub(crate) fn check_all<A: Into<Answer>>(b: &[f64], answer: A) -> Verdict {
+    let answer = answer.into();
+    let roots = &answer.roots;
     let wrong = |why: &str| Verdict::Wrong(format!("{why}: {roots:?} for {b:?}"));
-    let crossings = roots.iter().all(|r| r.kind == RootKind::Crossing) && answer.gave_up().is_none();
+    let crossings = roots.iter().all(|r| r.kind == RootKind::Crossing) && answer.gave_up.is_none();
     if let (Some(cells), true) = (quick_cells(b, false), crossings) {
         let p = Signs::new(b);
         let same = cells.len() == roots.len() && cells.iter().zip(roots).all(|(&c, r)| in_cell(&p, r, c));
@@ -377,7 +420,7 @@ pub(crate) fn check_all(b: &[f64], answer: &Roots<f64>) -> Verdict {
     }
     let p = Exact::new(b);
     let chain = p.chain();
-    if p.is_zero() || answer.gave_up().is_some() {
+    if p.is_zero() || answer.gave_up.is_some() {
         return Verdict::Flagged;
     }
     let (mut sum, mut single) = (0, true);
