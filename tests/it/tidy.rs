@@ -99,7 +99,14 @@ fn the_oracle_and_the_methods_do_not_see_each_other() {
     }
     // Only the program, the report and the crates above the methods see the oracle; methods see no other method.
     let above = ["isobar", "isobar-report", "isobar-oracle"];
-    let methods = ["isobar-baseline", "isobar-octree", "isobar-tetspline"];
+    let methods = [
+        "isobar-baseline",
+        "isobar-cellproj",
+        "isobar-nurbs",
+        "isobar-octree",
+        "isobar-peaks",
+        "isobar-tetspline",
+    ];
     let mut seen = 0;
     for e in fs::read_dir(root().join("crates")).expect("crates").flatten() {
         let name = e.file_name().to_string_lossy().into_owned();

@@ -7,7 +7,7 @@ use crate::resolve::Resolver;
 use crate::surfaces::{DrawTile, Prepared, Work, Write, nearest_only};
 use isobar_core::{
     Camera, Counters, Data, DataKind, Frame, Function, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
-    RenderTime, Renderer, Request, ResolvedKnobs, Scene, Stage, Stop, Surface, TransferFunction, Unsupported, View,
+    RenderTime, Renderer, Request, ResolvedKnobs, Scene, Stage, Stop, Surface, TetMesh, TransferFunction, Unsupported, View,
 };
 use isobar_cpu::scene::{Isovalues, check_request, check_scene, check_view};
 use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
@@ -231,6 +231,8 @@ impl Renderer for Cellproj {
             }
             .into());
         };
+        // The fields are public: a mesh need not come from its constructor.
+        TetMesh::new(mesh.points.clone(), mesh.cells.clone(), mesh.values.clone())?;
         self.cells = Some(self.pool.install(|| Cells::new(mesh))?);
         self.volume = None;
         self.activate();
