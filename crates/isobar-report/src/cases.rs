@@ -2,9 +2,11 @@
 
 use crate::definitions::toml_files;
 use anyhow::{Context, Result, bail};
-use isobar_core::{DMat3, DVec3, Grid, Ray, Samples};
+use isobar_core::{Algebraic, DMat3, DVec3, Data, Function, Grid, Ray, Samples};
+use isobar_fields::{AlgebraicFunction, Synthetic};
 use serde::Deserialize;
 use std::path::Path;
+use std::sync::Arc;
 
 /// An exact rational number: from a whole number, a fraction such as `"-567/1562500"`, or a decimal (taken as the decimal that is written).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -149,6 +151,7 @@ impl CaseRay {
 }
 
 /// What the case is about.
+#[expect(clippy::large_enum_variant, reason = "a hundred cases, read once")]
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Problem {
@@ -178,29 +181,62 @@ pub enum Problem {
         /// World position of the first sample; 0 where it is not given.
         #[serde(default)]
         origin: Option<[Number; 3]>,
+        /// World distance of the samples; 1 where it is not given.
+        #[serde(default)]
+        spacing: Option<[Number; 3]>,
         /// The samples, x fastest.
         #[serde(default)]
         values: Vec<Number>,
-        /// In place of `values`: a polynomial of world coordinates, `[a, b, c, k]` meaning k x^a y^b z^c.
+        /// In place of `values`: a polynomial of world coordinates in units of the spacing, `[a, b, c, k]` meaning k x^a y^b z^c.
         #[serde(default)]
         terms: Vec<[f64; 4]>,
         /// The isovalue.
         isovalue: Number,
         /// Reconstructions that the answers are exact for.
         reconstructions: Vec<String>,
+        /// Angle between the normals at the first hits of the first two rays, degrees.
+        #[serde(default)]
+        turn: Option<f64>,
         /// Rays.
         ray: Vec<CaseRay>,
     },
-    /// A named field of the command line.
+    /// A named field of the command line, or a polynomial.
     Field {
         /// Its name.
-        data: String,
+        #[serde(default)]
+        data: Option<String>,
+        /// In place of `data`: `[a, b, c, k]` meaning k x^a y^b z^c.
+        #[serde(default)]
+        terms: Vec<[f64; 4]>,
+        /// Of a polynomial: half the edge of its box about 0.
+        #[serde(default)]
+        half: Option<f64>,
         /// Samples per axis for methods that draw grids.
         n: usize,
         /// The isovalue.
         isovalue: Number,
         /// Rays, with the exact answers of the field.
         ray: Vec<CaseRay>,
+    },
+    /// Random rays through a closed surface, from outside, both ways.
+    RandomRays {
+        /// Name of the field.
+        data: String,
+        /// Samples per axis for methods that draw grids.
+        n: usize,
+        /// The isovalue.
+        isovalue: Number,
+        /// How many rays, each taken both ways.
+        rays: usize,
+        /// Seed.
+        seed: u64,
+    },
+    /// No scene that a method could draw: where it is tested instead.
+    Elsewhere {
+        /// Why no method can be asked.
+        why: String,
+        /// `path of the file: name of the test`.
+        tests: Vec<String>,
     },
 }
 
@@ -312,13 +348,31 @@ pub fn bernstein(basis: Basis, coefficients: &[Number], isovalue: Option<Number>
 /// The grid of a grid case, samples as f32 (they are whole numbers below 2^24, so exact).
 ///
 /// # Errors
-/// When the counts disagree or a sample is not exact.
-pub fn grid(dims: [usize; 3], origin: Option<[Number; 3]>, values: &[Number], terms: &[[f64; 4]]) -> Result<Grid> {
-    let origin = origin.map_or(DVec3::ZERO, |o| DVec3::new(o[0].value(), o[1].value(), o[2].value()));
+/// When the problem is no grid, the counts disagree or a sample is not exact.
+pub fn grid(problem: &Problem) -> Result<Grid> {
+    let Problem::Grid {
+        dims,
+        origin,
+        spacing,
+        values,
+        terms,
+        ..
+    } = problem
+    else {
+        bail!("is no grid");
+    };
+    let vector = |v: &[Number; 3]| DVec3::new(v[0].value(), v[1].value(), v[2].value());
+    let one = Number { n: 1, d: 1 };
+    let (dims, spacing, origin) = (*dims, spacing.unwrap_or([one; 3]), origin.unwrap_or([Number::ZERO; 3]));
     let all: Vec<f64> = if terms.is_empty() {
         values.iter().map(|v| v.value()).collect()
     } else {
-        let at = |i: usize, a: usize| origin[a] + i as f64;
+        let units = |a: usize| origin[a].times(Number::new(spacing[a].d, spacing[a].n)?);
+        let mut first = [0.0; 3];
+        for (a, f) in first.iter_mut().enumerate() {
+            *f = units(a).context("the spacing is 0 or too long a fraction")?.value();
+        }
+        let at = |i: usize, a: usize| first[a] + i as f64;
         let value = |i: usize, j: usize, k: usize| -> f64 {
             (terms.iter())
                 .map(|[a, b, c, f]| f * at(i, 0).powf(*a) * at(j, 1).powf(*b) * at(k, 2).powf(*c))
@@ -333,11 +387,78 @@ pub fn grid(dims: [usize; 3], origin: Option<[Number; 3]>, values: &[Number], te
     let samples: Vec<f32> = all.iter().map(|v| *v as f32).collect();
     Ok(Grid::new(
         dims,
-        DVec3::ONE,
-        origin,
+        vector(&spacing),
+        vector(&origin),
         DMat3::IDENTITY,
         Samples::F32(samples.into()),
     )?)
+}
+
+/// The field of a field case: its function, and its samples on n^3 points of its box, ends included.
+#[derive(Debug)]
+pub struct FieldData {
+    /// The exact function.
+    pub function: Arc<dyn Function>,
+    /// Of a named field.
+    name: Option<String>,
+}
+
+impl FieldData {
+    /// A named field, or a polynomial on [-half, half]^3.
+    ///
+    /// # Errors
+    /// When there is no such field, or neither or both are given.
+    pub fn new(name: Option<&str>, terms: &[[f64; 4]], half: Option<f64>) -> Result<Self> {
+        match (name, half) {
+            (Some(name), None) if terms.is_empty() => Ok(Self {
+                function: name.parse::<Synthetic>()?.field().function.clone(),
+                name: Some(name.to_owned()),
+            }),
+            (None, Some(half)) if !terms.is_empty() => {
+                let power = |x: f64| (x.fract() == 0.0 && (0.0..256.0).contains(&x)).then_some(x as u8);
+                let term = |[a, b, c, k]: &[f64; 4]| Some(([power(*a)?, power(*b)?, power(*c)?], *k));
+                let polynomial = Algebraic {
+                    name: "polynomial".into(),
+                    terms: terms
+                        .iter()
+                        .map(term)
+                        .collect::<Option<_>>()
+                        .context("exponents are whole numbers")?,
+                    lo: DVec3::splat(-half),
+                    hi: DVec3::splat(half),
+                };
+                Ok(Self {
+                    function: Arc::new(AlgebraicFunction::new(polynomial)?),
+                    name: None,
+                })
+            }
+            _ => bail!("give either data, or terms and half"),
+        }
+    }
+
+    /// The samples on n^3 points.
+    ///
+    /// # Errors
+    /// When the grid cannot be made.
+    pub fn grid(&self, n: usize) -> Result<Grid> {
+        if let Some(name) = &self.name {
+            let Data::Grid(g) = format!("{name},n={n}").parse::<Synthetic>()?.data()? else {
+                bail!("the samples of a field are no grid");
+            };
+            return Ok(g);
+        }
+        let half = self.function.domain().hi.x;
+        let at = |i: usize| -half + 2.0 * half * i as f64 / (n - 1) as f64;
+        let value = |i: usize| self.function.value(DVec3::new(at(i % n), at(i / n % n), at(i / n / n))) as f32;
+        let samples: Vec<f32> = (0..n * n * n).map(value).collect();
+        Ok(Grid::new(
+            [n; 3],
+            DVec3::splat(2.0 * half / (n - 1) as f64),
+            DVec3::splat(-half),
+            DMat3::IDENTITY,
+            Samples::F32(samples.into()),
+        )?)
+    }
 }
 
 #[cfg(test)]
@@ -348,32 +469,40 @@ mod tests {
     fn the_shipped_cases_read_and_their_grids_are_exact() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bench-data/definitions/hard/cases");
         let all = read_all(&folder).unwrap();
-        let mut kinds = [0; 3];
+        let mut kinds = [0; 5];
         for c in &all {
-            match &c.problem {
+            let kind = match &c.problem {
                 Problem::Polynomial { coefficients, .. } => {
                     assert!(!coefficients.is_empty());
-                    kinds[0] += 1;
+                    0
                 }
-                Problem::Grid {
-                    dims,
-                    origin,
-                    values,
-                    terms,
-                    ray,
-                    ..
+                Problem::Grid { ray, turn, .. } => {
+                    grid(&c.problem).unwrap_or_else(|e| panic!("{}: {e}", c.id));
+                    assert!(ray.len() > usize::from(turn.is_some()), "{}", c.id);
+                    1
+                }
+                Problem::Field {
+                    data, terms, half, ray, ..
                 } => {
-                    grid(*dims, *origin, values, terms).unwrap_or_else(|e| panic!("{}: {e}", c.id));
+                    FieldData::new(data.as_deref(), terms, *half).unwrap_or_else(|e| panic!("{}: {e}", c.id));
                     assert!(!ray.is_empty());
-                    kinds[1] += 1;
+                    2
                 }
-                Problem::Field { ray, .. } => {
-                    assert!(!ray.is_empty());
-                    kinds[2] += 1;
+                Problem::RandomRays { rays, .. } => {
+                    assert!(*rays >= 10_000, "{}", c.id);
+                    3
                 }
-            }
+                Problem::Elsewhere { why, tests } => {
+                    assert!(!why.is_empty() && !tests.is_empty(), "{}", c.id);
+                    4
+                }
+            };
+            kinds[kind] += 1;
         }
-        assert!(kinds[0] >= 17 && kinds[1] >= 12 && kinds[2] >= 16, "{kinds:?}");
+        assert!(
+            kinds[0] >= 17 && kinds[1] >= 19 && kinds[2] >= 20 && kinds[3] >= 2 && kinds[4] >= 2,
+            "{kinds:?}"
+        );
     }
 
     /// The exact answers of the polynomials, against the polynomials themselves: a sign change or a zero within the tolerance of each root.

@@ -56,12 +56,15 @@ impl Default for ViewSpec {
     }
 }
 
-/// What the oracle must find at the definition's own size.
+/// What the oracle must find: pixels with a certified first hit. Filled from what `isobar-report counts` prints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Expect {
-    /// Pixels with a certified first hit.
+    /// At the definition's own size.
     pub hits: u64,
+    /// At twice the width and height, which `--full` measures.
+    #[serde(default)]
+    pub full: Option<u64>,
 }
 
 /// Wrong pixels a method may have at its default setting before the row is marked; those beyond are reported as a failure.
@@ -112,7 +115,8 @@ pub struct Definition {
     /// Reconstructions measured, each a comparison of its own.
     #[serde(default = "trilinear")]
     pub reconstructions: Vec<String>,
-    /// Methods by id; empty: all that can draw the data.
+    /// Methods by id, or its beginning followed by `*`; empty: all that can draw the data. Definitions of every run name theirs, so that a new method
+    /// does not make it longer unasked.
     #[serde(default)]
     pub methods: Vec<String>,
     /// Settings measured, by method id or its beginning followed by `*`: each a list of `knob=value` parted by spaces. In place of
@@ -164,10 +168,36 @@ impl Definition {
         if self.analysis.trim().is_empty() {
             bail!("analysis must say what the scene shows");
         }
+        if self.expect.values().any(|e| e.full.is_some()) && !self.doubles() {
+            bail!("expect.full is never checked: scenes of sweep/ and imported/ keep their size");
+        }
         if let Some((m, _)) = self.sweep.iter().find(|(_, s)| s.is_empty()) {
             bail!("the sweep of {m} has no settings");
         }
         Ok(())
+    }
+
+    /// Whether `--full` doubles the width and height: scenes of papers and of growth have the sizes they are compared at.
+    #[must_use]
+    pub fn doubles(&self) -> bool {
+        !matches!(self.group.as_str(), "sweep" | "imported")
+    }
+
+    /// Whether a method is to be measured.
+    #[must_use]
+    pub fn wants(&self, method: &str) -> bool {
+        self.methods.is_empty() || self.methods.iter().any(|w| matches(w, method))
+    }
+
+    /// The hits demanded of a reconstruction at an image size.
+    #[must_use]
+    pub fn expected(&self, reconstruction: &str, size: [usize; 2]) -> Option<u64> {
+        let e = self.expect.get(reconstruction)?;
+        if size == self.size {
+            Some(e.hits)
+        } else {
+            e.full.filter(|_| size == self.size.map(|n| 2 * n))
+        }
     }
 
     /// The data as `isobar` takes it, with `$ISOBAR_DATA` and the root filled in; `Err` is the reason it cannot be measured here.
@@ -290,6 +320,18 @@ mod tests {
             (d.allowed("march/cpu", "cubic").missed, d.allowed("mc/cpu", "cubic").missed),
             (3, 0)
         );
+        let d = parse(
+            "title='x'\ndata='y'\nisovalues=[1]\nanalysis='a'\nmethods=['march/*','mc/cpu']\n[expect.trilinear]\nhits=3\nfull=12",
+        )
+        .unwrap();
+        assert_eq!(["march/gpu", "mc/cpu", "octree/cpu"].map(|m| d.wants(m)), [true, true, false]);
+        let expected = |r, size| d.expected(r, size);
+        assert_eq!(expected("trilinear", [512, 384]), Some(3));
+        assert_eq!(expected("trilinear", [1024, 768]), Some(12));
+        assert_eq!(
+            (expected("trilinear", [100, 100]), expected("cubic", [512, 384])),
+            (None, None)
+        );
         assert!(parse("title='x'\ndata='y'\nisovalues=[]\nanalysis='a'").is_err());
         assert!(parse("title='x'\ndata='y'\nisovalues=[1]\nanalysis='a'\nisovalue=1").is_err());
         let d = parse("title='x'\ndata='y'\nisovalues=[1]\nanalysis='a'\nview={eye=[1,2,3],target=[0,0,0],up=[0,0,1]}").unwrap();
@@ -309,6 +351,19 @@ mod tests {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bench-data/definitions");
         let all = read_all(&folder).unwrap();
         assert!(all.iter().filter(|d| d.group == "curated").count() >= 10);
+        for d in &all {
+            assert!(d.run == Tier::Full || !d.methods.is_empty(), "{} names no methods", d.id);
+            assert!(d.methods.iter().all(|m| m.contains('/')), "{}", d.id);
+            for r in &d.reconstructions {
+                let e = d.expect.get(r);
+                assert!(e.is_some_and(|e| e.hits > 0), "{} has no expected hits of {r}", d.id);
+                assert!(
+                    !d.doubles() || e.is_some_and(|e| e.full.is_some()),
+                    "{} has none at twice the size, {r}",
+                    d.id
+                );
+            }
+        }
         // Isovalues of whole-number data end in .5 in the public picture: an isovalue equal to data values makes plateaus.
         for d in all
             .iter()

@@ -1,24 +1,24 @@
 //! The matrix of hard cases: polynomials through every root finder, grids and surfaces through every method.
 //!
 //! A root finder may say that it cannot tell a root from a near miss: that is no answer, neither right nor wrong, and stands as refused with
-//! its words. A method's hit is right within `VOXEL` of a voxel or the case's own tolerance, whichever is larger.
+//! its words. What a method's hit must keep is said by [`Bar`]: the case's own tolerance, and no refuted claim, for methods that prove their answers; for
+//! rulers what their step allows. A proving method that hits where it claims nothing and s - c is zero to the rounding of f64 has not told a root from a near miss, and
+//! is as honest as a root finder that says so.
 
-use crate::cases::{self, Basis, Case, CaseRay, CaseRoot, Problem};
-use crate::results::{Matrix, MatrixRow, MatrixTable, Verdict, VerdictKind};
+use crate::cases::{self, Basis, Case, CaseRoot, Problem};
+use crate::results::{Elsewhere, Matrix, MatrixRow, MatrixTable, Verdict, VerdictKind};
 use anyhow::{Context, Result};
-use isobar::run::{self, Setup};
-use isobar_core::{Channels, Data, Frame, Method, Ray, Request, Stage, Stop, Surface, View};
-use isobar_fields::{Reconstruction, Synthetic};
-use isobar_oracle::{Oracle, univariate};
+use isobar_core::Method;
+use isobar_oracle::univariate;
 use isobar_poly::{First, NamedSolver, RootKind};
+use rayon::prelude::*;
 use std::path::Path;
-use std::sync::Arc;
 
-/// How far a method's hit may be from the certified root, voxels.
-const VOXEL: f64 = 0.01;
+mod bar;
+mod random;
+mod rays;
 
-/// Hits asked for per ray, of methods that can give more than one.
-const LAYERS: usize = 8;
+pub use bar::Bar;
 
 /// Runs all cases below `folder`.
 ///
@@ -27,33 +27,59 @@ const LAYERS: usize = 8;
 pub fn run(folder: &Path, methods: &[&'static dyn Method]) -> Result<Matrix> {
     let all = cases::read_all(folder)?;
     let solvers = [isobar_poly::solvers(), isobar_octree::finders::solvers()].concat();
+    let oracle = || std::iter::once("oracle".to_owned());
     let mut polynomials = MatrixTable {
         title: "Polynomials, by root finder".into(),
-        columns: std::iter::once("oracle".to_owned())
-            .chain(solvers.iter().map(|s| s.name.to_owned()))
-            .collect(),
-        rows: Vec::new(),
+        columns: oracle().chain(solvers.iter().map(|s| s.name.to_owned())).collect(),
+        ..MatrixTable::default()
     };
-    let columns: Vec<String> = std::iter::once("oracle".to_owned())
-        .chain(methods.iter().map(|m| m.info().id.to_owned()))
+    let columns: Vec<String> = oracle().chain(methods.iter().map(|m| m.info().id.to_owned())).collect();
+    let bars: Vec<String> = std::iter::once("the case's tolerance".to_owned())
+        .chain(methods.iter().map(|m| Bar::of(*m).words))
         .collect();
     let table = |title: &str| MatrixTable {
         title: title.into(),
         columns: columns.clone(),
+        bars: bars.clone(),
         rows: Vec::new(),
     };
     let mut grids = table("Grids, by method");
     let mut surfaces = table("Surfaces sampled on grids, by method");
-    for c in &all {
-        let why = || format!("case {}", c.id);
-        match &c.problem {
-            Problem::Polynomial { .. } => polynomials.rows.push(polynomial(c, &solvers).with_context(why)?),
-            Problem::Grid { .. } => grids.rows.extend(grid(c, methods).with_context(why)?),
-            Problem::Field { .. } => surfaces.rows.push(field(c, methods).with_context(why)?),
+    let mut elsewhere = Vec::new();
+    // Most cases keep one core busy.
+    let found: Vec<Result<Vec<MatrixRow>>> = (all.par_iter())
+        .map(|c| {
+            let rows = match &c.problem {
+                Problem::Polynomial { .. } => polynomial(c, &solvers).map(|r| vec![r]),
+                Problem::Grid { .. } => rays::grid(c, methods),
+                Problem::Field { .. } => rays::field(c, methods).map(|r| vec![r]),
+                Problem::RandomRays { .. } => random::row_of(c, methods).map(|r| vec![r]),
+                Problem::Elsewhere { .. } => Ok(Vec::new()),
+            };
+            rows.with_context(|| format!("case {}", c.id))
+        })
+        .collect();
+    for (c, rows) in all.iter().zip(found) {
+        let table = match &c.problem {
+            Problem::Polynomial { .. } => &mut polynomials,
+            Problem::Grid { .. } => &mut grids,
+            _ => &mut surfaces,
+        };
+        table.rows.extend(rows?);
+        if let Problem::Elsewhere { why, tests } = &c.problem {
+            elsewhere.push(Elsewhere {
+                id: c.id.clone(),
+                title: c.title.clone(),
+                trap: c.trap.clone(),
+                source: c.source.clone(),
+                why: why.clone(),
+                tests: tests.clone(),
+            });
         }
     }
     Ok(Matrix {
         tables: vec![polynomials, grids, surfaces],
+        elsewhere,
     })
 }
 
@@ -69,7 +95,11 @@ fn row(c: &Case, id: String, expected: String, cells: Vec<Verdict>) -> MatrixRow
 }
 
 fn verdict(kind: VerdictKind, given: String) -> Verdict {
-    Verdict { kind, given }
+    Verdict {
+        kind,
+        given,
+        ..Verdict::default()
+    }
 }
 
 /// Turns a verdict into a known failure where the case declares one for the column, and flags a declaration that no longer holds.
@@ -78,8 +108,15 @@ fn declared(c: &Case, column: &str, v: Verdict) -> Verdict {
         return v;
     };
     match v.kind {
-        VerdictKind::Wrong => verdict(VerdictKind::Known, format!("{}: {}", v.given, known.reason)),
-        VerdictKind::Right => verdict(VerdictKind::Unexpected, v.given),
+        VerdictKind::Wrong => Verdict {
+            kind: VerdictKind::Known,
+            given: format!("{}: {}", v.given, known.reason),
+            ..v
+        },
+        VerdictKind::Right => Verdict {
+            kind: VerdictKind::Unexpected,
+            ..v
+        },
         _ => v,
     }
 }
@@ -164,7 +201,7 @@ fn oracle_on_polynomial(q: &Question<'_>, all: Option<&isobar_oracle::AllRoots>)
         let multiplicity = |m: isobar_oracle::Multiplicity| match m {
             isobar_oracle::Multiplicity::Simple => 1,
             isobar_oracle::Multiplicity::Even(n) | isobar_oracle::Multiplicity::Odd(n) => n,
-            isobar_oracle::Multiplicity::Interval => 0,
+            isobar_oracle::Multiplicity::Interval | isobar_oracle::Multiplicity::Unknown => 0,
         };
         found.len() == q.roots.len()
             && found.iter().zip(q.roots).all(|(t, r)| (t - r.t).abs() <= q.tolerance)
@@ -256,176 +293,6 @@ impl Question<'_> {
         let complete = !self.everywhere && covered.iter().all(|c| *c) && found.len() == expected.len();
         verdict(if complete { VerdictKind::Right } else { VerdictKind::Wrong }, given)
     }
-}
-
-/// One row per reconstruction of a grid case.
-fn grid(c: &Case, methods: &[&'static dyn Method]) -> Result<Vec<MatrixRow>> {
-    let Problem::Grid {
-        dims,
-        origin,
-        values,
-        terms,
-        isovalue,
-        reconstructions,
-        ray,
-    } = &c.problem
-    else {
-        anyhow::bail!("is no grid");
-    };
-    let grid = cases::grid(*dims, *origin, values, terms)?;
-    let data = Arc::new(Data::Grid(grid.clone()));
-    let mut rows = Vec::new();
-    for name in reconstructions {
-        let kind: Reconstruction = name.parse()?;
-        let oracle = Oracle::new(kind.of(&grid, Stage::Stored)?, isovalue.value());
-        let mut cells = vec![declared(c, "oracle", oracle_on_rays(c, &oracle, ray))];
-        for m in methods {
-            let v = method_on_rays(c, *m, &data, Some(name), isovalue.value(), ray);
-            cells.push(declared(c, m.info().id, v));
-        }
-        let id = if reconstructions.len() > 1 {
-            format!("{} {name}", c.id)
-        } else {
-            c.id.clone()
-        };
-        rows.push(row(c, id, format!("{}; {name}", expected_on_rays(ray)), cells));
-    }
-    Ok(rows)
-}
-
-/// A named field: exact for the oracle, sampled for methods that draw grids.
-fn field(c: &Case, methods: &[&'static dyn Method]) -> Result<MatrixRow> {
-    let Problem::Field { data, n, isovalue, ray } = &c.problem else {
-        anyhow::bail!("is no field");
-    };
-    let exact: Synthetic = data.parse()?;
-    let oracle = Oracle::new(exact.field().function.clone(), isovalue.value());
-    let mut cells = vec![declared(c, "oracle", oracle_on_rays(c, &oracle, ray))];
-    let sampled = Arc::new(format!("{data},n={n}").parse::<Synthetic>()?.data()?);
-    for m in methods {
-        let v = method_on_rays(c, *m, &sampled, None, isovalue.value(), ray);
-        cells.push(declared(c, m.info().id, v));
-    }
-    Ok(row(
-        c,
-        c.id.clone(),
-        format!("{}; methods: of the trilinear samples, n = {n}", expected_on_rays(ray)),
-        cells,
-    ))
-}
-
-fn expected_on_rays(rays: &[CaseRay]) -> String {
-    let one = |r: &CaseRay| match r.interval {
-        Some([a, b]) => format!("s = c from {} to {}", short(a), short(b)),
-        None => list(&r.roots),
-    };
-    rays.iter().map(one).collect::<Vec<_>>().join(" | ")
-}
-
-fn oracle_on_rays(c: &Case, oracle: &Oracle, rays: &[CaseRay]) -> Verdict {
-    let mut right = true;
-    let mut given = Vec::new();
-    for r in rays {
-        let all = oracle.all(&r.ray());
-        if !all.unresolved.is_empty() {
-            return verdict(VerdictKind::Refused, "enclosures could not decide".into());
-        }
-        let ends: Vec<_> = all.roots.iter().filter_map(|x| x.interval_end.map(|e| [x.t(), e])).collect();
-        let close = |a: f64, b: f64| (a - b).abs() <= c.tolerance;
-        right &= match r.interval {
-            Some([a, b]) => ends.iter().any(|e| close(e[0], a) && close(e[1], b)) && all.roots.len() == 1,
-            None => all.roots.len() == r.roots.len() && all.roots.iter().zip(&r.roots).all(|(x, e)| close(x.t(), e.t)),
-        };
-        given.push(roots_text(&all.roots));
-    }
-    verdict(if right { VerdictKind::Right } else { VerdictKind::Wrong }, given.join(" | "))
-}
-
-/// Certified roots as text.
-fn roots_text(roots: &[isobar_oracle::Root]) -> String {
-    if roots.is_empty() {
-        return "no root".into();
-    }
-    let end = |x: &isobar_oracle::Root| x.interval_end.map_or_else(String::new, |e| format!(" to {}", short(e)));
-    roots.iter().map(|x| short(x.t()) + &end(x)).collect::<Vec<_>>().join(", ")
-}
-
-/// Draws the rays and compares with the oracle on the function the method says it draws.
-fn method_on_rays(
-    c: &Case,
-    m: &'static dyn Method,
-    data: &Arc<Data>,
-    reconstruction: Option<&str>,
-    isovalue: f64,
-    rays: &[CaseRay],
-) -> Verdict {
-    let view = View::rays(rays.iter().map(CaseRay::ray).collect::<Vec<Ray>>());
-    let surfaces = [Surface::isovalue(isovalue, 0)];
-    let mut request = Request {
-        channels: Channels::T,
-        layers: LAYERS,
-        threads: 1,
-        ..Request::default()
-    };
-    if let Some(name) = reconstruction.filter(|k| *k != Reconstruction::NAMES[0] || has_knob(m, "reconstruction")) {
-        request.knobs.set("reconstruction", name);
-    }
-    let setup = |request: &Request| Setup {
-        method: m,
-        data,
-        surfaces: &surfaces,
-        medium: None,
-        view: &view,
-        request: request.clone(),
-    };
-    if m.supports(&setup(&request).scene(), &request).is_err() {
-        // Most methods give one hit.
-        request.layers = 1;
-    }
-    let drawn = run::prepare(&setup(&request)).and_then(|mut p| {
-        p.render(&Stop::default())?;
-        let mut frame = Frame::default();
-        p.renderer().read(&mut frame)?;
-        Ok((frame, p.function()))
-    });
-    let (frame, function) = match drawn {
-        Ok((frame, Some(f))) => (frame, f),
-        Ok((_, None)) => return verdict(VerdictKind::Refused, "tells no function to compare with".into()),
-        Err(e) => return verdict(VerdictKind::Refused, e.to_string()),
-    };
-    let oracle = Oracle::new(function.clone(), isovalue);
-    let voxel = function.domain().voxel();
-    let mut right = true;
-    let (mut given, mut certified) = (Vec::new(), Vec::new());
-    for (x, r) in rays.iter().enumerate() {
-        let ray = r.ray();
-        let hits: Vec<f64> = (0..frame.layers)
-            .map(|l| frame.t[l * rays.len() + x])
-            .filter(|t| t.is_finite())
-            .collect();
-        let truth = oracle.all(&ray).roots;
-        let slack = c.tolerance.max(VOXEL * voxel / ray.direction.length());
-        let near = |h: &f64, e: &isobar_oracle::Root| e.distance(*h) <= slack;
-        right &= if frame.layers > 1 {
-            hits.len() == truth.len() && hits.iter().zip(&truth).all(|(h, e)| near(h, e))
-        } else {
-            match (hits.first(), truth.first()) {
-                (Some(h), Some(e)) => near(h, e),
-                (None, None) => true,
-                _ => false,
-            }
-        };
-        let shown: Vec<String> = hits.iter().map(|t| short((t * 1e6).round() / 1e6)).collect();
-        given.push(if shown.is_empty() { "no hit".into() } else { shown.join(", ") });
-        certified.push(roots_text(&truth));
-    }
-    let kind = if right { VerdictKind::Right } else { VerdictKind::Wrong };
-    let what = if frame.layers > 1 { "" } else { "first: " };
-    let mut text = format!("{what}{}", given.join(" | "));
-    if reconstruction.is_none() || !right {
-        text += &format!(" (certified: {})", certified.join(" | "));
-    }
-    verdict(kind, text)
 }
 
 /// Whether a method has a knob.

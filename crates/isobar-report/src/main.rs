@@ -1,9 +1,9 @@
 //! `isobar-report`: does the work of `cargo xtask report` and `cargo xtask data`.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
-use isobar_report::{data, report};
-use std::path::PathBuf;
+use isobar_report::{counts, data, definitions, measure::peak, report};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
@@ -38,6 +38,25 @@ enum Verb {
         #[arg(long, default_value = "isobar-report report")]
         command: String,
     },
+    /// Print the certified hits of every pixel, at both sizes: what `expect` in a definition holds
+    Counts {
+        /// Only these definitions, parted by commas
+        #[arg(long, value_delimiter = ',')]
+        only: Vec<String>,
+    },
+    /// Draw a definition by one method and print the memory this process needed
+    #[command(hide = true)]
+    Peak {
+        /// The definition
+        definition: String,
+        /// The method
+        method: String,
+        /// The reconstruction
+        reconstruction: String,
+        /// The size of `report --full`
+        #[arg(long)]
+        full: bool,
+    },
     /// List and verify the data; generate the cached ones
     Data {
         /// Only list and verify
@@ -68,8 +87,8 @@ fn run(args: Args) -> Result<bool> {
             criterion_since,
             command,
         } => {
-            let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |t| root.join(t));
-            let page = report::run(&report::Options {
+            let target = target(&root);
+            let done = report::run(&report::Options {
                 root: root.clone(),
                 target,
                 full,
@@ -79,11 +98,43 @@ fn run(args: Args) -> Result<bool> {
                 criterion_since: SystemTime::UNIX_EPOCH + Duration::from_secs(criterion_since),
                 command: command.trim().to_owned(),
             })?;
-            println!("{}", page.strip_prefix(&root).unwrap_or(&page).display());
+            println!("{}", done.page.strip_prefix(&root).unwrap_or(&done.page).display());
+            for line in &done.trouble {
+                eprintln!("not as said: {line}");
+            }
+            if !done.trouble.is_empty() {
+                let n = done.trouble.len();
+                eprintln!(
+                    "isobar-report: the page is complete, and {n} results in it are not what the definitions and cases say"
+                );
+            }
+            Ok(done.trouble.is_empty())
+        }
+        Verb::Counts { only } => {
+            let target = target(&root);
+            counts::print(&root, &isobar_report::measure::truth_folder(&target), &only)?;
+            Ok(true)
+        }
+        Verb::Peak {
+            definition,
+            method,
+            reconstruction,
+            full,
+        } => {
+            let all = definitions::read_all(&root.join("bench-data/definitions"))?;
+            let found = all.iter().find(|d| d.id == definition);
+            let d = found.with_context(|| format!("there is no definition {definition}"))?;
+            let memory = peak::here(d, &root, &method, &reconstruction, full)?;
+            println!("{}", serde_json::to_string(&memory)?);
             Ok(true)
         }
         Verb::Data { no_generate } => data::list(&root.join("bench-data"), !no_generate),
     }
+}
+
+/// Cargo's target folder.
+fn target(root: &Path) -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |t| root.join(t))
 }
 
 /// The folder of the workspace: told by cargo, else the one around the current folder.

@@ -3,7 +3,7 @@
 use crate::definitions::{Definition, ViewSpec};
 use crate::hard::has_knob;
 use crate::models;
-use crate::results::{Checked, Comparison, Pictures, Row, Scene, Spread, Stat, Truth};
+use crate::results::{Checked, Comparison, Pictures, Row, Scene, Spread, Stat, Storage, Truth};
 use anyhow::{Context, Result};
 use isobar::checking;
 use isobar::run::{self, Entry, Plan, Prepared, Setup};
@@ -11,12 +11,15 @@ use isobar::source::{self, Source};
 use isobar::truth::Truths;
 use isobar::{output, view_spec};
 use isobar_core::{
-    Channels, DVec3, Frame, Function, KnobKind, Knobs, Method, MethodInfo, Request, ResolvedKnobs, Stop, Surface, View,
+    Channels, DVec3, Frame, Function, KnobKind, Knobs, Method, MethodInfo, Request, ResolvedKnobs, Stage, Stop, Surface, View,
 };
 use isobar_oracle::{Check, Quantiles};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+pub mod peak;
+mod storage;
 
 /// How a run measures.
 #[derive(Debug, Clone)]
@@ -62,12 +65,7 @@ pub(crate) struct Job<'a> {
 /// When files of the page cannot be written.
 pub fn scene(d: &Definition, methods: &[&'static dyn Method], settings: &Settings, stop: &Stop) -> Result<Scene> {
     let start = Instant::now();
-    // Papers' scenes and growth have the sizes they are compared at.
-    let scale = if settings.full && !matches!(d.group.as_str(), "sweep" | "imported") {
-        2
-    } else {
-        1
-    };
+    let scale = if settings.full && d.doubles() { 2 } else { 1 };
     let mut out = Scene {
         id: d.id.clone(),
         group: d.group.clone(),
@@ -102,11 +100,18 @@ pub fn scene(d: &Definition, methods: &[&'static dyn Method], settings: &Setting
     for reconstruction in &d.reconstructions {
         out.comparisons.push(job.comparison(reconstruction, methods, stop)?);
     }
+    if let Some(first) = out.comparisons.first_mut() {
+        peak::measure(first, d, &source, settings.full);
+    }
     out.seconds = start.elapsed().as_secs_f64();
     Ok(out)
 }
 
-fn open(d: &Definition, name: &str, size: [usize; 2]) -> Result<(Source, Vec<Surface>, View)> {
+/// Data, surfaces and view of a definition at an image size.
+///
+/// # Errors
+/// The line that stands in place of numbers.
+pub(crate) fn open(d: &Definition, name: &str, size: [usize; 2]) -> Result<(Source, Vec<Surface>, View)> {
     let options = isobar_io::Options {
         field: d.field.clone(),
         ..isobar_io::Options::default()
@@ -194,9 +199,8 @@ impl Job<'_> {
             reconstruction: reconstruction.into(),
             ..Comparison::default()
         };
-        let wanted = &self.definition.methods;
         let chosen: Vec<&'static dyn Method> = (methods.iter().copied())
-            .filter(|m| (wanted.is_empty() || wanted.iter().any(|w| w == m.info().id)) && draws(*m, reconstruction))
+            .filter(|m| self.definition.wants(m.info().id) && draws(*m, reconstruction))
             .collect();
         let mut prepared: Vec<Prepared> = Vec::new();
         let mut candidates = Vec::new();
@@ -239,6 +243,7 @@ impl Job<'_> {
             }
         }
         self.measure(&mut out, &mut prepared, &candidates, stop)?;
+        self.storage(&mut out, &mut prepared, &candidates, stop)?;
         drop(prepared);
         for m in &chosen {
             if out
@@ -326,6 +331,43 @@ impl Job<'_> {
         Ok(())
     }
 
+    /// What storing the coefficients moves, for every row that was drawn; settings of one function share the answer.
+    fn storage(&self, out: &mut Comparison, prepared: &mut [Prepared], candidates: &[Candidate], stop: &Stop) -> Result<()> {
+        let mut known: Vec<([String; 2], Storage)> = Vec::new();
+        for c in candidates {
+            if out.rows[c.row].reason.is_some() {
+                continue;
+            }
+            let p = &mut prepared[c.entry.renderer];
+            let Some(stored) = p.function() else { continue };
+            let Some(ideal) = p.renderer().reconstruction(Stage::Ideal) else {
+                continue;
+            };
+            let key = |f: &Arc<dyn Function>| isobar::truth::key(f.as_ref(), self.surfaces, self.view, "");
+            let keys = [key(&stored), key(&ideal)];
+            let found = known.iter().find(|(k, _)| *k == keys).map(|(_, s)| *s);
+            let storage = match found {
+                Some(s) => s,
+                None if keys[0] == keys[1] => Storage {
+                    same: true,
+                    ..Storage::default()
+                },
+                None => {
+                    let get = |f| {
+                        self.truths
+                            .get(f, self.surfaces, self.view, stop)
+                            .context("the certified truth")
+                    };
+                    let (a, b) = (get(&stored)?, get(&ideal)?);
+                    storage::compare(&a, &b, self.view, stored.domain().voxel())
+                }
+            };
+            known.push((keys, storage));
+            out.rows[c.row].storage = Some(storage);
+        }
+        Ok(())
+    }
+
     /// Checks a frame; draws its pictures where it is that of a default setting.
     fn verify(
         &self,
@@ -350,7 +392,7 @@ impl Job<'_> {
             hits: truth.hits() as u64,
             undecidable: truth.undecidable() as u64,
             stages: [stages.f64 as u64, stages.dd as u64, stages.exact as u64],
-            expected: self.expected(reconstruction),
+            expected: self.definition.expected(reconstruction, [self.view.width, self.view.height]),
             seconds,
         };
         let checked = checked(&check, facts.hits);
@@ -360,12 +402,6 @@ impl Job<'_> {
             None
         };
         Ok((checked, facts, pictures))
-    }
-
-    /// Hits the definition demands, where the size is its own.
-    fn expected(&self, reconstruction: &str) -> Option<u64> {
-        let own = self.definition.size == [self.view.width, self.view.height];
-        self.definition.expect.get(reconstruction).filter(|_| own).map(|e| e.hits)
     }
 
     /// File name of a picture, relative to the page.
@@ -457,11 +493,12 @@ impl Job<'_> {
                 }
             }
         }
-        if t.pixels > 0 && t.undecidable * 1000 > t.pixels && self.definition.group != "hard" {
-            let rate = 1e6 * t.undecidable as f64 / t.pixels as f64;
-            lines.push(format!("{rate:.0} pixels per million are undecidable, more than 1000: many rays graze the surface, or the isovalue is a data value"));
-        }
         out.failures = lines;
+        let t = &out.truth;
+        if t.pixels > 0 && t.undecidable * 1000 > t.pixels {
+            let rate = 1e6 * t.undecidable as f64 / t.pixels as f64;
+            out.remarks.push(format!("{rate:.0} pixels per million are undecidable, more than 1000: many rays graze the surface, or the isovalue is a data value"));
+        }
     }
 }
 
@@ -494,19 +531,12 @@ fn fill(row: &mut Row, o: &run::Outcome, checked: Checked) {
     row.checked = checked;
     let m = o.memory;
     row.memory = [m.coefficients, m.index, m.view, m.device];
+    row.counters = o.counters.0.iter().map(|(name, n)| ((*name).to_owned(), *n)).collect();
 }
 
 /// A check as plain numbers; errors of a frame without right hits are 0.
 pub(crate) fn checked(c: &Check, hits: u64) -> Checked {
     let n = |x: usize| x as u64;
-    let spread = |q: &Quantiles| {
-        let f = |x: f64| if x.is_finite() { x } else { 0.0 };
-        Spread {
-            median: f(q.median),
-            p99: f(q.p99),
-            max: f(q.max),
-        }
-    };
     Checked {
         pixels: n(c.pixels),
         hits,
@@ -520,6 +550,16 @@ pub(crate) fn checked(c: &Check, hits: u64) -> Checked {
         t_voxels: spread(&c.t_error_voxels),
         t_pixels: spread(&c.t_error_pixels),
         normal_deg: spread(&c.normal_error_deg),
+    }
+}
+
+/// Quantiles as plain numbers; 0 where there are no values.
+fn spread(q: &Quantiles) -> Spread {
+    let f = |x: f64| if x.is_finite() { x } else { 0.0 };
+    Spread {
+        median: f(q.median),
+        p99: f(q.p99),
+        max: f(q.max),
     }
 }
 

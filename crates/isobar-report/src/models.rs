@@ -15,6 +15,9 @@ const RAYS: usize = 64;
 /// Hits asked for in the model all-hits.
 const LAYERS: usize = 16;
 
+/// Timed copies of an image.
+const READS: usize = 5;
+
 /// No further repetition of a preparation begins after this.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -68,11 +71,12 @@ pub(crate) fn models(job: &Job<'_>, m: &'static dyn Method, reconstruction: &str
                 out.retain(|m| m.model != "data");
                 out.push(failed(id, "data", &e.to_string()));
             }
+            out.push(read(&mut p, id, digests.first().copied()).unwrap_or_else(|e| failed(id, "read", &e.to_string())));
             for (name, work) in [("view", views as Sequence), ("isovalue", isovalues)] {
                 out.push(work(job, &mut p, id, stop).unwrap_or_else(|e| failed(id, name, &e.to_string())));
             }
         }
-        Err(e) => out.extend(["view", "isovalue"].map(|name| failed(id, name, &e.to_string()))),
+        Err(e) => out.extend(["read", "view", "isovalue"].map(|name| failed(id, name, &e.to_string()))),
     }
     if let Some(row) = rows.iter().find(|r| r.method == id && r.default && r.reason.is_none()) {
         out.push(Model {
@@ -140,6 +144,20 @@ fn same_images(out: &mut [Model], digests: &[u64], p: &mut Prepared, job: &Job<'
     }
     data.verified = told(&[verify(p, job.surfaces, job.view, stop)?]);
     Ok(())
+}
+
+/// Copying the image out, into a frame that has its memory already.
+fn read(p: &mut Prepared, id: &str, digest: Option<u64>) -> Result<Model, RenderError> {
+    let mut times = Times::default();
+    let mut frame = Frame::default();
+    p.renderer().read(&mut frame)?;
+    for _ in 0..READS {
+        times.add(|| p.renderer().read(&mut frame))?;
+    }
+    Ok(match digest {
+        Some(d) if d == run::digest(&frame) => times.model(id, "read", "every bit".into()),
+        _ => failed(id, "read", "the image read is not the first image"),
+    })
 }
 
 /// Other isovalues, near the definition's.
@@ -210,6 +228,7 @@ fn all_hits(job: &Job<'_>, setup: &Setup<'_>, id: &str, stop: &Stop) -> Result<M
     let mut frame = Frame::default();
     p.renderer().read(&mut frame)?;
     let function = p.function().ok_or(RenderError::NotReady("set_data"))?;
+    let oracles = oracles(&function, job.surfaces);
     let n = job.view.pixels();
     let mut wrong = 0;
     for i in pixels(job.view) {
@@ -218,7 +237,7 @@ fn all_hits(job: &Job<'_>, setup: &Setup<'_>, id: &str, stop: &Stop) -> Result<M
             .map(|l| frame.t[l * n + i])
             .filter(|t| t.is_finite())
             .collect();
-        let truth = layers(&function, job.surfaces, &ray);
+        let truth = layers(&oracles, &ray);
         let far = function.domain().voxel() * 0.5;
         let same = given.len() == truth.len().min(LAYERS) && given.iter().zip(&truth).all(|(a, b)| (a - b).abs() < far);
         wrong += usize::from(!same);
@@ -226,13 +245,19 @@ fn all_hits(job: &Job<'_>, setup: &Setup<'_>, id: &str, stop: &Stop) -> Result<M
     Ok(times.model(id, "all-hits", format!("{RAYS} rays, {wrong} wrong")))
 }
 
-/// Certified roots of all surfaces on a ray, front to back.
-fn layers(function: &Arc<dyn Function>, surfaces: &[Surface], ray: &Ray) -> Vec<f64> {
-    let mut all: Vec<f64> = (surfaces.iter())
+/// The oracle of each surface; they share what does not depend on the isovalue, which takes time linear in the samples.
+fn oracles(function: &Arc<dyn Function>, surfaces: &[Surface]) -> Vec<Oracle> {
+    let first = Oracle::new(function.clone(), 0.0);
+    surfaces
+        .iter()
         .filter_map(Surface::value)
-        .flat_map(|c| Oracle::new(function.clone(), c).all(ray).roots)
-        .map(|r| r.t())
-        .collect();
+        .map(|c| first.with_isovalue(c))
+        .collect()
+}
+
+/// Certified roots of all surfaces on a ray, front to back.
+fn layers(oracles: &[Oracle], ray: &Ray) -> Vec<f64> {
+    let mut all: Vec<f64> = (oracles.iter()).flat_map(|o| o.all(ray).roots).map(|r| r.t()).collect();
     all.sort_by(f64::total_cmp);
     all
 }

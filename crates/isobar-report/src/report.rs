@@ -35,11 +35,20 @@ pub struct Options {
     pub command: String,
 }
 
-/// Measures everything and puts the page in place; returns its path.
+/// A run that is over.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Done {
+    /// The page.
+    pub page: PathBuf,
+    /// What is not as the definitions and cases say, a line each; the page says it too.
+    pub trouble: Vec<String>,
+}
+
+/// Measures everything and puts the page in place.
 ///
 /// # Errors
 /// When a definition cannot be read or a file cannot be written. What was measured until then is kept for the next run.
-pub fn run(o: &Options) -> Result<PathBuf> {
+pub fn run(o: &Options) -> Result<Done> {
     let start = Instant::now();
     let folder = o.root.join("bench-data/definitions");
     let all = choose(definitions::read_all(&folder)?, &o.only)?;
@@ -78,6 +87,7 @@ pub fn run(o: &Options) -> Result<PathBuf> {
         .map(|c| benches::read(c, o.criterion_since))
         .unwrap_or_default();
     r.absent = absent(&r.scenes);
+    r.absent.extend(unasked(&all, &methods));
     r.machine = machine::describe(&o.root);
     r.revision = machine::revision(&o.root);
     r.date = machine::now();
@@ -90,7 +100,23 @@ pub fn run(o: &Options) -> Result<PathBuf> {
         let at = record::record(&r, &reports)?;
         println!("recorded under {}", at.display());
     }
-    Ok(reports.join("index.html"))
+    Ok(Done {
+        page: reports.join("index.html"),
+        trouble: r.trouble(),
+    })
+}
+
+/// Methods that no definition of this run names.
+fn unasked(all: &[Definition], methods: &[&'static dyn Method]) -> Vec<(String, String)> {
+    let ids = methods.iter().map(|m| m.info().id);
+    ids.filter(|id| all.iter().all(|d| !d.wants(id)))
+        .map(|id| {
+            (
+                id.to_owned(),
+                "no definition of this run names it; the hard cases ask it".to_owned(),
+            )
+        })
+        .collect()
 }
 
 /// The definitions named, or all.
@@ -321,6 +347,70 @@ mod tests {
             ..Scene::default()
         };
         assert_eq!(absent(&[s]), [("b".to_owned(), "no adapter".to_owned())]);
+    }
+
+    #[test]
+    fn trouble_is_what_a_definition_or_a_case_did_not_say() {
+        use crate::results::{Matrix, MatrixRow, MatrixTable, Verdict, VerdictKind};
+        let cell = |kind| Verdict {
+            kind,
+            given: "0.5".into(),
+            ..Verdict::default()
+        };
+        let mut r = Report {
+            scenes: vec![Scene {
+                title: "Gyroid".into(),
+                comparisons: vec![Comparison {
+                    reconstruction: "trilinear".into(),
+                    ..Comparison::default()
+                }],
+                ..Scene::default()
+            }],
+            hard: Matrix {
+                tables: vec![MatrixTable {
+                    columns: ["a", "b", "c"].map(String::from).into(),
+                    rows: vec![MatrixRow {
+                        id: "B2".into(),
+                        cells: [VerdictKind::Right, VerdictKind::Known, VerdictKind::Refused]
+                            .map(cell)
+                            .into(),
+                        ..MatrixRow::default()
+                    }],
+                    ..MatrixTable::default()
+                }],
+                ..Matrix::default()
+            },
+            ..Report::default()
+        };
+        assert!(r.trouble().is_empty());
+        r.scenes[0].comparisons[0]
+            .failures
+            .push("the oracle finds 3 hits, the definition demands 4".into());
+        r.hard.tables[0].rows[0].cells[1].kind = VerdictKind::Wrong;
+        r.hard.tables[0].rows[0].cells[2].kind = VerdictKind::Unexpected;
+        assert_eq!(
+            r.trouble(),
+            [
+                "Gyroid, trilinear: the oracle finds 3 hits, the definition demands 4",
+                "hard case B2, b: wrong (0.5)",
+                "hard case B2, c: right, but declared a failure (0.5)"
+            ]
+        );
+    }
+
+    #[test]
+    fn methods_that_no_definition_names_are_said() {
+        let mut d: Definition = toml::from_str("title='x'\ndata='y'\nisovalues=[1]\nanalysis='a'\nmethods=['march/*']").unwrap();
+        let methods = [isobar::method("march/cpu").unwrap(), isobar::method("mc/cpu").unwrap()];
+        let names = |d: &Definition| {
+            unasked(std::slice::from_ref(d), &methods)
+                .into_iter()
+                .map(|m| m.0)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(names(&d), ["mc/cpu"]);
+        d.methods.clear();
+        assert!(names(&d).is_empty());
     }
 
     #[test]

@@ -29,6 +29,29 @@ pub struct Report {
     pub absent: Vec<(String, String)>,
 }
 
+impl Report {
+    /// Everything that is not as a definition or a case says, a line each. A run with any is a failed one.
+    #[must_use]
+    pub fn trouble(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        for s in &self.scenes {
+            for c in &s.comparisons {
+                lines.extend(c.failures.iter().map(|f| format!("{}, {}: {f}", s.title, c.reconstruction)));
+            }
+        }
+        for t in &self.hard.tables {
+            for r in &t.rows {
+                for (column, v) in t.columns.iter().zip(&r.cells) {
+                    if matches!(v.kind, VerdictKind::Wrong | VerdictKind::Unexpected) {
+                        lines.push(format!("hard case {}, {column}: {} ({})", r.id, v.kind.word(), v.given));
+                    }
+                }
+            }
+        }
+        lines
+    }
+}
+
 /// One definition.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scene {
@@ -73,6 +96,8 @@ pub struct Comparison {
     pub pictures: Vec<Pictures>,
     /// What was not as the definition says it must be.
     pub failures: Vec<String>,
+    /// What a reader of the numbers must know.
+    pub remarks: Vec<String>,
 }
 
 /// The certified frame.
@@ -180,22 +205,65 @@ pub struct Row {
     pub device: Option<Stat>,
     /// The timed frame against the truth.
     pub checked: Checked,
+    /// What storing the coefficients as the method does moves; `None` where it tells no function.
+    pub storage: Option<Storage>,
     /// Bytes: coefficients, index, view, device.
     pub memory: [u64; 4],
+    /// Memory of a process that draws this and nothing else; measured where the data are large.
+    pub peak: Option<Peak>,
     /// Work of one frame.
     pub work: u64,
     /// Its unit.
     pub work_unit: String,
+    /// What the method counted in one frame, by name.
+    pub counters: Vec<(String, u64)>,
+}
+
+/// |t*(s stored) - t*(s ideal)|: the certified first roots of the function drawn, and of the one with coefficients in f64.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Storage {
+    /// The two are one function.
+    pub same: bool,
+    /// Pixels compared: hit in both, decidable in both, the two roots within half a voxel.
+    pub compared: u64,
+    /// Decidable pixels where a hit became a miss, a miss a hit, or the root another one.
+    pub changed: u64,
+    /// Of the pixels compared, voxels.
+    pub voxels: Spread,
+}
+
+/// Resident memory of a process of its own, bytes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Peak {
+    /// The greatest, from start to end.
+    pub process: u64,
+    /// The greatest until the data were there and no method was started.
+    pub loaded: u64,
+    /// The greatest from then on: what the method needs, whatever making or reading the data took.
+    pub drawn: u64,
+    /// The data.
+    pub data: u64,
+    /// The frame.
+    pub frame: u64,
+}
+
+impl Peak {
+    /// The greatest of drawing over data and frame.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        self.drawn as f64 / (self.data + self.frame).max(1) as f64
+    }
 }
 
 /// The time models.
-pub const MODELS: [(&str, &str); 6] = [
+pub const MODELS: [(&str, &str); 7] = [
     ("open", "start the renderer: threads, pipelines"),
     ("data", "take the data and draw the first image"),
     ("isovalue", "another isovalue, and draw"),
     ("view", "another camera on an orbit, and draw"),
     ("steady", "draw the same image again"),
     ("all-hits", "draw all intersections, not only the first"),
+    ("read", "copy the finished image out"),
 ];
 
 /// One time model of one method at its default setting.
@@ -260,6 +328,25 @@ pub struct Convergence {
 pub struct Matrix {
     /// Tables: the root finders on polynomials, the methods on grids and surfaces.
     pub tables: Vec<MatrixTable>,
+    /// Cases that no method can be asked.
+    pub elsewhere: Vec<Elsewhere>,
+}
+
+/// A case that is no row, and where it is tested.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Elsewhere {
+    /// Id.
+    pub id: String,
+    /// Title.
+    pub title: String,
+    /// What goes wrong.
+    pub trap: String,
+    /// Where it comes from.
+    pub source: String,
+    /// Why no method can be asked.
+    pub why: String,
+    /// `path of the file: name of the test`.
+    pub tests: Vec<String>,
 }
 
 /// A table of the matrix.
@@ -269,6 +356,8 @@ pub struct MatrixTable {
     pub title: String,
     /// Columns.
     pub columns: Vec<String>,
+    /// What a right answer of each column must keep; empty where the case alone says it.
+    pub bars: Vec<String>,
     /// Rows.
     pub rows: Vec<MatrixRow>,
 }
@@ -297,6 +386,8 @@ pub struct Verdict {
     pub kind: VerdictKind,
     /// The value given, or the reason.
     pub given: String,
+    /// The certified value for the function that the column draws; empty where it is that of the row.
+    pub expected: String,
 }
 
 /// Kinds of verdicts.

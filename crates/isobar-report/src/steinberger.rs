@@ -15,6 +15,7 @@ use std::path::Path;
 use std::time::Instant;
 
 mod compositions;
+pub mod stages;
 
 pub use compositions::{Composition, PRINTED_3_1, Printed31};
 

@@ -1,12 +1,12 @@
 //! One CSV per method: every number of the page, and the reasons where there is none.
 
 use crate::page::csv_name;
-use crate::results::{Comparison, Report, Row, Scene, Stat};
+use crate::results::{Comparison, Matrix, Report, Row, Scene, Stat};
 use anyhow::{Context, Result};
 use std::path::Path;
 
 /// Columns of the tables. Times are seconds, errors voxels, angles degrees, memory bytes.
-const COLUMNS: [&str; 41] = [
+const COLUMNS: [&str; 50] = [
     "scene",
     "group",
     "data_sha256",
@@ -47,10 +47,19 @@ const COLUMNS: [&str; 41] = [
     "memory_view",
     "memory_device",
     "work",
+    "storage_compared",
+    "storage_changed",
+    "storage_median",
+    "storage_p99",
+    "storage_max",
+    "process_peak",
+    "process_loaded",
+    "process_drawn",
+    "process_ratio",
     "revision",
 ];
 
-/// Writes a table per method into `folder`.
+/// Writes a table per method, and that of the hard cases, into `folder`.
 ///
 /// # Errors
 /// When a file cannot be written.
@@ -80,13 +89,13 @@ pub fn write(r: &Report, folder: &Path) -> Result<()> {
                 let mut fields = line(s, c, &row, &r.revision);
                 fields[11].clone_from(&model.model);
                 // A model's frames are verified on rays, not pixel by pixel: no counts.
-                fields[19..40].iter_mut().for_each(String::clear);
+                fields[19..COLUMNS.len() - 1].iter_mut().for_each(String::clear);
                 w.write_record(fields)?;
             }
         }
         w.flush()?;
     }
-    Ok(())
+    hard_cases(&r.hard, &folder.join("hard-cases.csv"))
 }
 
 fn rows(r: &Report) -> impl Iterator<Item = (&Scene, &Comparison, &Row)> {
@@ -146,13 +155,76 @@ fn line(s: &Scene, c: &Comparison, r: &Row, revision: &str) -> Vec<String> {
     out.extend([k.normal_deg.median, k.normal_deg.p99, k.normal_deg.max].map(number));
     out.extend(r.memory.map(|n| n.to_string()));
     out.push(r.work.to_string());
+    out.extend(storage(r));
+    out.extend(r.peak.map_or_else(
+        || vec![String::new(); 4],
+        |p| {
+            [p.process, p.loaded, p.drawn]
+                .map(|n| n.to_string())
+                .into_iter()
+                .chain([number(p.ratio())])
+                .collect::<Vec<_>>()
+        },
+    ));
     out.push(revision.to_owned());
     out
+}
+
+/// The storage error; 0 pixels compared where the stored function is the ideal one, nothing where the method tells none.
+fn storage(r: &Row) -> [String; 5] {
+    let Some(s) = &r.storage else {
+        return Default::default();
+    };
+    let [median, p99, max] = [s.voxels.median, s.voxels.p99, s.voxels.max].map(|x| format!("{x:e}"));
+    [s.compared.to_string(), s.changed.to_string(), median, p99, max]
+}
+
+/// The matrix of hard cases as one table, a line per cell; cases that are no rows have no column.
+fn hard_cases(m: &Matrix, path: &Path) -> Result<()> {
+    let mut w = csv::Writer::from_path(path).with_context(|| format!("{} cannot be written", path.display()))?;
+    w.write_record([
+        "table",
+        "case",
+        "title",
+        "source",
+        "column",
+        "bar",
+        "verdict",
+        "expected",
+        "certified",
+        "given",
+    ])?;
+    for t in &m.tables {
+        for r in &t.rows {
+            for (i, (column, v)) in t.columns.iter().zip(&r.cells).enumerate() {
+                let bar = t.bars.get(i).map_or("", String::as_str);
+                w.write_record([
+                    t.title.as_str(),
+                    &r.id,
+                    &r.title,
+                    &r.source,
+                    column,
+                    bar,
+                    v.kind.word(),
+                    &r.expected,
+                    &v.expected,
+                    &v.given,
+                ])?;
+            }
+        }
+    }
+    for e in &m.elsewhere {
+        let tests = e.tests.join("; ");
+        w.write_record(["elsewhere", &e.id, &e.title, &e.source, "", "", "tested", &e.why, "", &tests])?;
+    }
+    w.flush()?;
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::results::{MatrixRow, MatrixTable, Peak, Storage, Verdict};
 
     #[test]
     fn every_row_has_every_column_and_reasons_are_kept() {
@@ -178,5 +250,71 @@ mod tests {
         assert_eq!(lines.len(), 2);
         assert_eq!(&lines[1][12], "no adapter");
         assert!(lines.iter().all(|l| l.len() == COLUMNS.len()));
+    }
+
+    #[test]
+    fn storage_error_memory_and_hard_cases_are_written() {
+        let row = Row {
+            method: "a/cpu".into(),
+            storage: Some(Storage {
+                compared: 7,
+                changed: 1,
+                ..Storage::default()
+            }),
+            peak: Some(Peak {
+                process: 300,
+                loaded: 150,
+                drawn: 300,
+                data: 100,
+                frame: 100,
+            }),
+            ..Row::default()
+        };
+        let table = MatrixTable {
+            columns: vec!["oracle".into(), "a/cpu".into()],
+            bars: vec!["the case's tolerance".into(), "within 0.01 cell".into()],
+            rows: vec![MatrixRow {
+                id: "B2".into(),
+                expected: "1.3, 1.6".into(),
+                cells: ["1.3, 1.6", "no hit"]
+                    .map(|g| Verdict {
+                        given: g.into(),
+                        ..Verdict::default()
+                    })
+                    .into(),
+                ..MatrixRow::default()
+            }],
+            ..MatrixTable::default()
+        };
+        let r = Report {
+            scenes: vec![Scene {
+                comparisons: vec![Comparison {
+                    rows: vec![row],
+                    ..Comparison::default()
+                }],
+                ..Scene::default()
+            }],
+            hard: Matrix {
+                tables: vec![table],
+                ..Matrix::default()
+            },
+            ..Report::default()
+        };
+        let dir = tempfile::tempdir().unwrap();
+        write(&r, dir.path()).unwrap();
+        let read = |name: &str| -> Vec<csv::StringRecord> {
+            let mut reader = csv::Reader::from_path(dir.path().join(name)).unwrap();
+            reader.records().map(Result::unwrap).collect()
+        };
+        let at = |name: &str| COLUMNS.iter().position(|c| *c == name).unwrap();
+        let line = &read("a-cpu.csv")[0];
+        assert_eq!((&line[at("storage_compared")], &line[at("storage_changed")]), ("7", "1"));
+        assert_eq!((&line[at("process_peak")], &line[at("process_ratio")]), ("300", "1.5e0"));
+        let cells = read("hard-cases.csv");
+        assert_eq!(cells.len(), 2);
+        assert_eq!(
+            (&cells[1][4], &cells[1][5], &cells[1][9]),
+            ("a/cpu", "within 0.01 cell", "no hit")
+        );
     }
 }

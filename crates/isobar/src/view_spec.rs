@@ -13,7 +13,7 @@ pub const DEFAULT_FOV: f64 = 40.0;
 pub const NAMES: [&str; 8] = ["default", "bench", "+x", "-x", "+y", "-y", "+z", "-z"];
 
 /// The flags that make a view.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "View")]
 pub struct ViewFlags {
     /// Image size in pixels [default: 1024x768; of the views of check --rays 32x24]
@@ -48,24 +48,6 @@ pub struct ViewFlags {
     capped: Vec<bool>,
     #[arg(skip)]
     stray_cap: bool,
-}
-
-impl Default for ViewFlags {
-    fn default() -> Self {
-        Self {
-            size: None,
-            view: None,
-            eye: None,
-            target: None,
-            up: None,
-            fov: None,
-            ortho: None,
-            clip: vec![],
-            cap: vec![],
-            capped: vec![],
-            stray_cap: false,
-        }
-    }
 }
 
 impl ViewFlags {

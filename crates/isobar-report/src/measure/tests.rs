@@ -48,6 +48,8 @@ fn a_small_scene_is_measured_and_verified() {
         "{:?}",
         c.failures
     );
+    // A trilinear function is its samples.
+    assert!(c.rows.iter().all(|r| r.storage.is_some_and(|s| s.same) && r.peak.is_none()));
     let p = &c.pictures[0];
     for file in [&p.image, &p.error, &p.work] {
         assert!(dir.path().join(file).is_file(), "{file}");
@@ -58,9 +60,25 @@ fn a_small_scene_is_measured_and_verified() {
         .filter(|m| m.reason.is_none())
         .map(|m| m.model.as_str())
         .collect();
-    for model in ["open", "data", "isovalue", "view", "steady"] {
+    for model in ["open", "data", "isovalue", "view", "steady", "read"] {
         assert!(measured.contains(&model), "{model}: {:?}", c.models);
     }
+}
+
+/// An interpolating spline is drawn from coefficients in f32: the report says how far that moves the surface.
+#[test]
+fn the_storage_error_is_measured() {
+    let dir = tempfile::tempdir().unwrap();
+    let d = definition(
+        "title='Torus'\ndata='synthetic:torus,n=24'\nisovalues=[0]\nview='bench'\nsize=[48,36]\nanalysis='a'\n\
+         reconstructions=['cubic-interpolating']\nmethods=['octree/cpu']",
+    );
+    let s = scene(&d, &isobar::methods(), &settings(dir.path()), &Stop::default()).unwrap();
+    let row = &s.comparisons[0].rows[0];
+    let storage = row.storage.expect("the method tells both functions");
+    assert!(!storage.same && storage.compared > 200 && storage.changed == 0, "{storage:?}");
+    assert!(storage.voxels.median > 0.0 && storage.voxels.max < 1e-3, "{storage:?}");
+    assert_eq!(row.method, "octree/cpu");
 }
 
 #[test]

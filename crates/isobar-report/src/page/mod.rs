@@ -3,6 +3,7 @@
 mod html;
 mod matrix;
 mod scene;
+mod stages;
 mod steinberger;
 mod summary;
 
@@ -70,6 +71,7 @@ pub fn page(r: &Report) -> Result<String> {
         out.push_str(&skipped(&scenes));
     }
     out.push_str(&steinberger::section(&r.steinberger));
+    out.push_str(&stages::section(&r.steinberger, &r.scenes));
     out.push_str(&matrix::matrix(&r.hard));
     out.push_str(&convergence(&r.convergence)?);
     out.push_str(&benches(&r.benches));
@@ -261,7 +263,7 @@ fn method_of_measuring(r: &Report) -> String {
         let rows: Vec<_> = (r.absent.iter())
             .map(|(m, why)| ("", vec![Cell::text(m), Cell::with("reason", escape(why))]))
             .collect();
-        out.push_str("<h4>Methods that could not start here</h4>\n");
+        out.push_str("<h4>Methods without a number in this run</h4>\n");
         out.push_str(&table(&[("text", "method"), ("text", "reason")], &rows));
     }
     let rows: Vec<_> = r

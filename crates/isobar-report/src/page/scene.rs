@@ -48,6 +48,9 @@ fn comparison(s: &Scene, c: &Comparison, methods: &[String]) -> Result<String> {
         count(t.stages[1]),
         count(t.stages[2])
     );
+    for r in &c.remarks {
+        let _ = writeln!(out, "<p class=\"note\">{}.</p>", escape(r));
+    }
     if !c.pictures.is_empty() {
         for p in &c.pictures {
             out.push_str(&pictures(s, p, methods));
@@ -68,6 +71,7 @@ fn comparison(s: &Scene, c: &Comparison, methods: &[String]) -> Result<String> {
     }
     out.push_str(&rows(c, methods));
     out.push_str(&models(c, methods));
+    out.push_str(&peaks(c, methods));
     Ok(out)
 }
 
@@ -120,6 +124,7 @@ fn rows(c: &Comparison, methods: &[String]) -> String {
         ("", "<small>99 %</small>"),
         ("", "<small>max</small>"),
         ("", "normal, °<small>99 %</small>"),
+        ("wrap", "storage error, voxels<small>median</small>"),
         ("", "memory"),
         ("", "work<small>per pixel</small>"),
     ];
@@ -130,6 +135,7 @@ fn rows(c: &Comparison, methods: &[String]) -> String {
         .collect();
     table(&head, &body)
         + "<p class=\"note\">Tinted: the default setting. Unproved: pixels without a claim that the oracle can refute. \
+           Storage error: how far the certified root of the function drawn lies from that of the same with coefficients in f64. \
            Memory: what the renderer holds beyond the data and the frame.</p>\n"
 }
 
@@ -161,6 +167,7 @@ fn row(r: &Row, methods: &[String]) -> Vec<Cell> {
     for x in [k.t_voxels.median, k.t_voxels.p99, k.t_voxels.max, k.normal_deg.p99] {
         cells.push(Cell::new(number(x)));
     }
+    cells.push(storage(r));
     cells.push(Cell::new(bytes(r.memory.iter().sum())));
     let work = if r.work_unit.is_empty() {
         String::new()
@@ -173,6 +180,55 @@ fn row(r: &Row, methods: &[String]) -> Vec<Cell> {
     };
     cells.push(Cell::new(work));
     cells
+}
+
+/// How far storing the coefficients moves the surface.
+fn storage(r: &Row) -> Cell {
+    match &r.storage {
+        None => Cell::with("zero", "tells none"),
+        Some(s) if s.same => Cell::with("zero", "none:<small>stored = ideal</small>"),
+        Some(s) => {
+            let changed = if s.changed > 0 {
+                format!("; {} pixels hit another root or none", count(s.changed))
+            } else {
+                String::new()
+            };
+            let [median, p99, max] = [s.voxels.median, s.voxels.p99, s.voxels.max].map(number);
+            Cell::new(format!("{median}<small>99 % {p99}, max {max}{changed}</small>"))
+        }
+    }
+}
+
+/// Memory of a process of its own, where it was measured.
+fn peaks(c: &Comparison, methods: &[String]) -> String {
+    let body: Vec<_> = (c.rows.iter())
+        .filter_map(|r| {
+            let p = r.peak?;
+            let i = methods.iter().position(|m| *m == r.method).unwrap_or(0);
+            let name = Cell::with("text", format!("{}{}", swatch(i), escape(&r.method)));
+            let mut cells = vec![name];
+            cells.extend([p.process, p.loaded, p.drawn, p.data, p.frame].map(|n| Cell::new(bytes(n))));
+            cells.push(Cell::new(number(p.ratio())));
+            Some(("", cells))
+        })
+        .collect();
+    if body.is_empty() {
+        return String::new();
+    }
+    let head = [
+        ("text", "process memory"),
+        ("wrap", "greatest resident size"),
+        ("wrap", "until the data were there"),
+        ("wrap", "from then on"),
+        ("", "data"),
+        ("", "frame"),
+        ("wrap", "from then on, over data and frame"),
+    ];
+    format!(
+        "<p class=\"note\">A process of its own for each method: it makes or reads the data, draws one image at the default setting and copies it out. \
+         Data of 64 MiB and more only; smaller ones drown in what any process holds.</p>\n{}",
+        table(&head, &body)
+    )
 }
 
 /// The time models: one row per method, one column per model.

@@ -125,18 +125,13 @@ fn gallery(r: &Report) -> String {
 
 /// What was not as its definition says, and wrong verdicts.
 fn trouble(r: &Report) -> String {
-    let mut lines: Vec<String> = Vec::new();
-    for s in &r.scenes {
-        for c in &s.comparisons {
-            lines.extend(c.failures.iter().map(|f| format!("{}, {}: {f}", s.title, c.reconstruction)));
-        }
-    }
+    let lines = r.trouble();
     if lines.is_empty() {
-        return "<p>Every count is as its definition says.</p>\n".into();
+        return "<p>Every count is as its definition says, and no case is wrong that is not declared.</p>\n".into();
     }
     let list = lines.iter().fold(String::new(), |mut out, l| {
         let _ = writeln!(out, "<li>{}</li>", escape(l));
         out
     });
-    format!("<div class=\"failures\"><p><b>Not as the definitions say:</b></p><ul>\n{list}</ul></div>\n")
+    format!("<div class=\"failures\"><p><b>Not as the definitions and cases say:</b></p><ul>\n{list}</ul></div>\n")
 }

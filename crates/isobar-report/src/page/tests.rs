@@ -1,6 +1,7 @@
 use super::*;
 use crate::results::{
-    Checked, Comparison, Matrix, MatrixRow, MatrixTable, Pictures, Row, Scene, Spread, Stat, Truth, Verdict, VerdictKind,
+    Checked, Comparison, Elsewhere, Matrix, MatrixRow, MatrixTable, Pictures, Row, Scene, Spread, Stat, Truth, Verdict,
+    VerdictKind,
 };
 
 fn row(method: &str, setting: &str, seconds: f64, missed: u64) -> Row {
@@ -78,9 +79,16 @@ fn report() -> Report {
                     cells: vec![Verdict {
                         kind: VerdictKind::Known,
                         given: "none".into(),
+                        expected: "certified at 0.5".into(),
                     }],
                     ..MatrixRow::default()
                 }],
+                ..MatrixTable::default()
+            }],
+            elsewhere: vec![Elsewhere {
+                id: "B16".into(),
+                tests: vec!["crates/a.rs: banks".into()],
+                ..Elsewhere::default()
             }],
         },
         ..Report::default()
@@ -102,6 +110,7 @@ fn the_page_says_who_wins_and_what_failed() {
     assert!(p.contains("no adapter &lt;here&gt;"));
     assert!(p.contains("ISOBAR_DATA is not set"));
     assert!(p.contains("known failure"));
+    assert!(p.contains("certified: certified at 0.5") && p.contains("<code>crates/a.rs: banks</code>"));
 }
 
 #[test]

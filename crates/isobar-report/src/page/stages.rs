@@ -1,0 +1,162 @@
+//! Tables 6.1 and 6.3 of Steinberger's thesis beside what `octree/cpu` counts.
+
+use super::html::{Cell, anchor, escape, number, table};
+use crate::results::{Comparison, Row, Scene};
+use crate::steinberger::Steinberger;
+use crate::steinberger::stages::{DEGREES, KERNELS_6_1, PRINTED_6_1, PRINTED_6_3, STAGES};
+use std::fmt::Write;
+
+/// The method that counts the stages.
+const METHOD: &str = "octree/cpu";
+
+pub(super) fn section(s: &Steinberger, scenes: &[Scene]) -> String {
+    let counted = counted(scenes);
+    if s.finders.is_empty() && counted.is_empty() {
+        return String::new();
+    }
+    let mut out = String::from("<h3>Tables 6.1 and 6.3: stages of a frame</h3>\n");
+    out.push_str(&printed());
+    if !counted.is_empty() {
+        let head = [
+            ("text", "octree/cpu, scene and reconstruction"),
+            ("wrap", "CPU ms of a frame"),
+            ("wrap", "traverse: nodes per ray"),
+            ("", "bricks"),
+            ("", "cells"),
+            ("wrap", "compositions per ray"),
+            ("wrap", "again in f64"),
+            ("wrap", "normals per ray"),
+        ];
+        out.push_str(&table(&head, &counted));
+    }
+    out.push_str(
+        "<p>The thesis clocked its stages; <code>octree/cpu</code> counts the work of each and has no clock in them, since the rays of a packet are in \
+         different stages at once. So our stages have counts per ray of the image and only the whole frame has a time. Composition and root finding are \
+         one column: a cell whose Bernstein coefficients show no change of sign ends there. Not here: Table 6.1 for a whole frame, since no method in this table draws a \
+         polynomial as it is; Table 6.2, whose scenes are definitions of their own (<i>Scenes of papers</i>); Table 6.4, since nothing renders from levels of wavelets \
+         yet.</p>\n",
+    );
+    out.push_str(&kernels(s));
+    out
+}
+
+/// Table 6.3 (a) as printed.
+fn printed() -> String {
+    let mut head = vec![("text", "as printed, ms".to_owned())];
+    for (name, _) in PRINTED_6_3 {
+        head.extend(DEGREES.map(|d| ("wrap", format!("{name}, {d}"))));
+    }
+    let head: Vec<(&str, &str)> = head.iter().map(|(c, t)| (*c, t.as_str())).collect();
+    let rows: Vec<_> = (STAGES.iter().enumerate())
+        .map(|(i, stage)| {
+            let mut cells = vec![Cell::text(stage)];
+            cells.extend(PRINTED_6_3.iter().flat_map(|(_, s)| s[i]).map(|x| Cell::new(number(x))));
+            ("", cells)
+        })
+        .collect();
+    table(&head, &rows)
+}
+
+/// A line for each comparison the method took part in.
+fn counted(scenes: &[Scene]) -> Vec<(&'static str, Vec<Cell>)> {
+    let mut out = Vec::new();
+    for (s, c) in scenes.iter().flat_map(|s| s.comparisons.iter().map(move |c| (s, c))) {
+        let row = c.rows.iter().find(|r| r.method == METHOD && r.default && r.reason.is_none());
+        out.extend(row.and_then(|r| line(s, c, r)).map(|cells| ("", cells)));
+    }
+    out
+}
+
+fn line(s: &Scene, c: &Comparison, r: &Row) -> Option<Vec<Cell>> {
+    let find = |name: &str| r.counters.iter().find(|(n, _)| n == name).map(|(_, v)| *v as f64);
+    let rays = r.checked.pixels.max(1) as f64;
+    let per = |x: f64| Cell::new(number(x / rays));
+    // Degree 1 composes a cubic once; higher degrees compose in f32 and, in doubt, again in f64.
+    let composed = find("cubics").or_else(|| find("compositions in f32"))?;
+    let title = format!(
+        "<a href=\"#{}\">{}</a><small>{}</small>",
+        anchor(&s.id),
+        escape(&s.title),
+        escape(&c.reconstruction)
+    );
+    Some(vec![
+        Cell::with("text", title),
+        Cell::new(number(r.cpu.median * 1e3)),
+        per(find("nodes")?),
+        per(find("bricks")?),
+        per(find("cells")?),
+        per(composed),
+        find("compositions in f64").map_or_else(|| Cell::new("–"), per),
+        per(r.checked.hits as f64),
+    ])
+}
+
+/// What the two inner loops say about Table 6.1.
+fn kernels(s: &Steinberger) -> String {
+    let (form, finder, budget) = KERNELS_6_1;
+    let composition = s.compositions.iter().find(|c| c.form == form && c.degree == 3);
+    let root = s.finders.iter().find(|f| f.name == finder && f.budget == Some(budget));
+    let (Some(c), Some(f)) = (composition, root) else {
+        return String::new();
+    };
+    let share = 100.0 * c.nanoseconds / (c.nanoseconds + f.nanoseconds);
+    let mut printed = String::new();
+    for (degree, [composition, root]) in DEGREES.iter().zip(PRINTED_6_1) {
+        let part = 100.0 * composition / (composition + root);
+        let _ = write!(
+            printed,
+            "{}{degree} {} %",
+            if printed.is_empty() { "" } else { ", " },
+            number(part)
+        );
+    }
+    format!(
+        "<p>Table 6.1, of one algebraic surface: composition as a part of composition and root finding is, as printed, {printed}. The same two loops as measured above, \
+         {form} for a tri-cubic cell and {finder} with {budget} iterations on degree 9, one ray after another: {} %.</p>\n",
+        number(share)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::{Checked, Stat};
+
+    #[test]
+    fn stages_are_counted_per_ray_and_absent_without_counters() {
+        assert_eq!(section(&Steinberger::default(), &[]), "");
+        let counters = [("nodes", 2000), ("bricks", 1000), ("cells", 500), ("cubics", 250)];
+        let row = Row {
+            method: METHOD.into(),
+            default: true,
+            cpu: Stat {
+                median: 0.012,
+                ..Stat::default()
+            },
+            checked: Checked {
+                pixels: 1000,
+                hits: 400,
+                ..Checked::default()
+            },
+            counters: counters.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect(),
+            ..Row::default()
+        };
+        let scene = |row: Row| Scene {
+            title: "<Bucky>".into(),
+            comparisons: vec![Comparison {
+                reconstruction: "trilinear".into(),
+                rows: vec![row],
+                ..Comparison::default()
+            }],
+            ..Scene::default()
+        };
+        let text = section(&Steinberger::default(), &[scene(row.clone())]);
+        assert!(
+            text.contains("&lt;Bucky&gt;") && text.contains(">12.0<") && text.contains(">0.400<"),
+            "{text}"
+        );
+        assert!(text.contains("224") && text.contains("no clock in them"));
+        let none = Row { counters: vec![], ..row };
+        assert_eq!(section(&Steinberger::default(), &[scene(none)]), "");
+    }
+}
