@@ -154,12 +154,7 @@ pub struct CheckArgs {
     #[arg(long, value_name = "ID")]
     pub method: String,
     /// Isovalues in data units
-    #[arg(
-        long,
-        value_name = "C[,...]",
-        allow_hyphen_values = true,
-        required_unless_present = "tf"
-    )]
+    #[arg(long, value_name = "C[,...]", allow_hyphen_values = true, required_unless_present = "tf")]
     pub isovalue: Vec<String>,
     /// Threads and knobs.
     #[command(flatten)]

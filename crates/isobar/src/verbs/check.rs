@@ -51,7 +51,11 @@ pub fn run(args: &CheckArgs) -> Result<Answer> {
         );
         output::probe("--map", p)?;
     }
-    let colour = if args.tf.is_some() { Channels::RGBA } else { Channels::empty() };
+    let colour = if args.tf.is_some() {
+        Channels::RGBA
+    } else {
+        Channels::empty()
+    };
     let request = super::request(&args.draw, knobs, checking::CHANNELS | colour, 1)?;
     let (source, _) = super::open(&args.data)?;
     source.require_finite()?;
@@ -164,13 +168,23 @@ impl Job<'_> {
         .with_context(|| format!("check {}", self.args.method))?;
         Ok(Answered {
             checked: isobar_oracle::check(&frame, &truth, &function, &self.judged, view)?,
-            colours: self.medium.as_ref().map(|m| self.colours(&frame, &function, m, view)).transpose()?,
+            colours: self
+                .medium
+                .as_ref()
+                .map(|m| self.colours(&frame, &function, m, view))
+                .transpose()?,
             function: function.name(),
         })
     }
 
     /// Holds the colours of a frame against the exact ones.
-    fn colours(&self, frame: &Frame, function: &Arc<dyn Function>, medium: &TransferFunction, view: &View) -> Result<ColourCheck> {
+    fn colours(
+        &self,
+        frame: &Frame,
+        function: &Arc<dyn Function>,
+        medium: &TransferFunction,
+        view: &View,
+    ) -> Result<ColourCheck> {
         let exact = |reference| {
             let stop = Stop::default();
             progress::watch("integrating every pixel", &stop, || {
@@ -181,7 +195,11 @@ impl Job<'_> {
         let integral = exact(Reference::Integral)?;
         let peaks = draws_peaks(self.method).then(|| exact(Reference::Peaks)).transpose()?;
         Ok(ColourCheck {
-            bound: peaks.iter().chain([&integral]).map(Colours::greatest_error).fold(0.0, f64::max),
+            bound: peaks
+                .iter()
+                .chain([&integral])
+                .map(Colours::greatest_error)
+                .fold(0.0, f64::max),
             integral: integral.difference(frame)?,
             peaks: peaks.as_ref().map(|p| p.difference(frame)).transpose()?,
             bias: peaks.as_ref().map(|p| p.bias(&integral)).transpose()?,
