@@ -501,7 +501,8 @@ fn real_data_agree_with_the_oracle() {
     let mut seen = 0;
     for m in methods("real_data_agree_with_the_oracle") {
         let id = m.info().id;
-        if !draws(m, &request(Knobs::default()), &fitting(m, &source.data), &surfaces, &view) {
+        // The head as tetrahedra would be 35 million: meshes have real data of their own in their crates.
+        if !m.info().data.contains(DataKind::GRID) || !draws(m, &request(Knobs::default()), &source.data, &surfaces, &view) {
             continue;
         }
         seen += 1;
