@@ -4,11 +4,11 @@ use super::INFO;
 use super::bricks::Bricks;
 use super::layout::{MIRROR, Params};
 use super::programs::Kernels;
-use super::rays::ToIndex;
 use bytemuck::Zeroable;
 use isobar_core::{Data, DataError, Lattice as _, RenderError, Stage};
 use isobar_cpu::scene::grid;
 use isobar_fields::{Border, Coefficients, GridSpline, Kind};
+use isobar_gpu::rays::ToIndex;
 use isobar_gpu::{Gpu, Texel, Volume};
 use std::sync::Arc;
 

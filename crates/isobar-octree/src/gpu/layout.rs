@@ -33,16 +33,7 @@ pub(super) const NORMALS: u32 = 4;
 pub(super) const MIRROR: u32 = 8;
 
 /// `Ray`.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct Ray {
-    pub(super) cell: [u32; 3],
-    pub(super) length: u32,
-    pub(super) fraction: [u32; 3],
-    pub(super) rest: f32,
-    pub(super) direction: [u32; 3],
-    pub(super) fine: u32,
-}
+pub(super) use isobar_gpu::rays::FixedRay as Ray;
 
 /// `Node`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]

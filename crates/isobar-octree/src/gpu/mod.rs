@@ -22,7 +22,6 @@ mod data;
 mod generate;
 mod layout;
 mod programs;
-mod rays;
 mod renderer;
 #[cfg(test)]
 mod tests;

@@ -7,7 +7,6 @@ use super::data::{self, Prepared};
 use super::generate::Loops;
 use super::layout::{COLOUR, COUNT_ALL, Hit, Level, NORMALS, Params, Pixel, Ray};
 use super::programs::{Kernels, Program};
-use super::rays::{Entry, Rectangle};
 use bytemuck::Zeroable;
 use isobar_core::{
     Channels, Claim, Counters, Data, Frame, Function, Hit as FrameHit, Knobs, Memory, NO_SURFACE, Pixel as FramePixel,
@@ -16,6 +15,7 @@ use isobar_core::{
 use isobar_cpu::Pool;
 use isobar_cpu::scene::{Isovalues, check_medium, check_open_cuts};
 use isobar_fields::{GridSpline, Kind};
+use isobar_gpu::rays::{Entry, Rectangle};
 use isobar_gpu::{Gpu, Texel, wgpu};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
