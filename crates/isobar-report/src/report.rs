@@ -7,6 +7,7 @@ use crate::{benches, convergence, data, definitions, hard, machine, page, record
 use anyhow::{Context, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use isobar_core::{Method, Stop};
+use std::fs::{File, TryLockError};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
@@ -54,6 +55,7 @@ pub fn run(o: &Options) -> Result<Done> {
     let all = choose(definitions::read_all(&folder)?, &o.only)?;
     let methods = isobar::methods();
     let reports = o.root.join("reports");
+    let _alone = alone(&o.target)?;
     let kept = Kept::open(&o.target.join("isobar-report"), &key(o, &all)?)?;
     let settings = Settings {
         root: o.root.clone(),
@@ -104,6 +106,24 @@ pub fn run(o: &Options) -> Result<Done> {
         page: reports.join("index.html"),
         trouble: r.trouble(),
     })
+}
+
+/// One run at a time in a target folder: two would take each other's pictures away. The system lets go of the lock however the run ends.
+///
+/// # Errors
+/// When another run holds it, or the file cannot be made.
+fn alone(target: &Path) -> Result<File> {
+    std::fs::create_dir_all(target).with_context(|| format!("{} cannot be made", target.display()))?;
+    let path = target.join("isobar-report.lock");
+    let file = File::create(&path).with_context(|| format!("{} cannot be made", path.display()))?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => bail!(
+            "{}: another report is being made here; wait until it ends, or end it",
+            path.display()
+        ),
+        // A file system without locks: then nobody can tell.
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
+    }
 }
 
 /// Methods that no definition of this run names.
@@ -302,6 +322,16 @@ fn read(path: &Path) -> Option<Scene> {
 mod tests {
     use super::*;
     use crate::results::{Comparison, Row};
+
+    #[test]
+    fn two_reports_in_one_folder_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = alone(folder.path()).unwrap();
+        let second = alone(folder.path()).unwrap_err().to_string();
+        assert!(second.contains("another report"), "{second}");
+        drop(first);
+        alone(folder.path()).unwrap();
+    }
 
     #[test]
     fn an_interrupted_run_goes_on_and_a_finished_one_starts_anew() {
