@@ -4,9 +4,10 @@ use crate::definitions::{self, Definition};
 use crate::measure;
 use anyhow::{Context, Result, bail};
 use isobar::truth::Truths;
-use isobar_core::{Data, Stage, Stop};
-use isobar_fields::Reconstruction;
+use isobar_core::{Data, Function, Stage, Stop};
+use isobar_fields::{HexField, Reconstruction, TetLinear};
 use std::path::Path;
+use std::sync::Arc;
 
 /// What the oracle says of one reconstruction at one image size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,15 +23,16 @@ pub struct Count {
 /// The certified count of a reconstruction; truths are kept in `folder`.
 ///
 /// # Errors
-/// When the data cannot be opened, are no grid, or the oracle does not answer.
+/// When the data cannot be opened, are of another kind than grid, tetrahedra or hexahedra, or the oracle does not answer.
 pub fn count(d: &Definition, root: &Path, folder: &Path, reconstruction: &str, size: [usize; 2]) -> Result<Count> {
     let name = d.source(root).map_err(anyhow::Error::msg)?;
     let (source, surfaces, view) = measure::open(d, &name, size)?;
-    let Data::Grid(grid) = &*source.data else {
-        bail!("{} is no grid", d.data);
+    let function: Arc<dyn Function> = match &*source.data {
+        Data::Grid(grid) => reconstruction.parse::<Reconstruction>()?.of(grid, Stage::Stored)?,
+        Data::Tets(mesh) => Arc::new(TetLinear::new(mesh)?),
+        Data::Hexes(patches) => Arc::new(HexField::new(patches)?),
+        other => bail!("{} is {}, which the definitions do not count yet", d.data, other.kind()),
     };
-    let kind: Reconstruction = reconstruction.parse()?;
-    let function = kind.of(grid, Stage::Stored)?;
     let truths = Truths::new(source.hash(), Some(folder.to_path_buf()));
     let truth = truths
         .get(&function, &surfaces, &view, &Stop::default())
@@ -51,7 +53,8 @@ pub fn print(root: &Path, folder: &Path, only: &[String]) -> Result<()> {
         if !only.is_empty() && !only.contains(&d.id) {
             continue;
         }
-        for r in &d.reconstructions {
+        // Of a medium there are no hits to demand: which surfaces it has is for the method to say.
+        for r in d.reconstructions.iter().filter(|_| d.medium.is_none()) {
             let doubled = d.doubles().then(|| d.size.map(|n| 2 * n));
             for (key, size) in [("hits", Some(d.size)), ("full", doubled)] {
                 let Some(size) = size else { continue };

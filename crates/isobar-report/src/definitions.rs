@@ -101,8 +101,12 @@ pub struct Definition {
     /// Field of data with several.
     #[serde(default)]
     pub field: Option<String>,
-    /// Isovalues, data units. Several are drawn together, each opaque.
+    /// Isovalues, data units. Several are drawn together, each opaque. None only where there is a medium.
+    #[serde(default)]
     pub isovalues: Vec<f64>,
+    /// Transfer function of the medium: a file from the repository's root, as `--tf` takes it. Methods are then compared by their colours.
+    #[serde(default)]
+    pub medium: Option<String>,
     /// The view.
     #[serde(default)]
     pub view: ViewSpec,
@@ -112,7 +116,7 @@ pub struct Definition {
     /// When it is measured.
     #[serde(default)]
     pub run: Tier,
-    /// Reconstructions measured, each a comparison of its own.
+    /// Reconstructions measured, each a comparison of its own; for data that are no grid a name of what the elements are, drawn as they are.
     #[serde(default = "trilinear")]
     pub reconstructions: Vec<String>,
     /// Methods by id, or its beginning followed by `*`; empty: all that can draw the data. Definitions of every run name theirs, so that a new method
@@ -156,8 +160,8 @@ impl Definition {
     }
 
     fn check(&self) -> Result<()> {
-        if self.isovalues.is_empty() || self.isovalues.iter().any(|v| !v.is_finite()) {
-            bail!("isovalues must be one or more finite numbers");
+        if self.isovalues.is_empty() && self.medium.is_none() || self.isovalues.iter().any(|v| !v.is_finite()) {
+            bail!("isovalues must be one or more finite numbers, where there is no medium");
         }
         if self.size.contains(&0) {
             bail!("size must be two numbers above 0");
@@ -333,6 +337,7 @@ mod tests {
             (None, None)
         );
         assert!(parse("title='x'\ndata='y'\nisovalues=[]\nanalysis='a'").is_err());
+        assert!(parse("title='x'\ndata='y'\nmedium='m.toml'\nanalysis='a'").is_ok());
         assert!(parse("title='x'\ndata='y'\nisovalues=[1]\nanalysis='a'\nisovalue=1").is_err());
         let d = parse("title='x'\ndata='y'\nisovalues=[1]\nanalysis='a'\nview={eye=[1,2,3],target=[0,0,0],up=[0,0,1]}").unwrap();
         assert!(matches!(d.view, ViewSpec::Camera { fov: 40.0, .. }));
@@ -356,9 +361,13 @@ mod tests {
             assert!(d.methods.iter().all(|m| m.contains('/')), "{}", d.id);
             for r in &d.reconstructions {
                 let e = d.expect.get(r);
-                assert!(e.is_some_and(|e| e.hits > 0), "{} has no expected hits of {r}", d.id);
                 assert!(
-                    !d.doubles() || e.is_some_and(|e| e.full.is_some()),
+                    d.medium.is_some() || e.is_some_and(|e| e.hits > 0),
+                    "{} has no expected hits of {r}",
+                    d.id
+                );
+                assert!(
+                    !d.doubles() || e.is_none() || e.is_some_and(|e| e.full.is_some()),
                     "{} has none at twice the size, {r}",
                     d.id
                 );

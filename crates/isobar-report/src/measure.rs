@@ -1,23 +1,24 @@
 //! Measuring one definition: all methods on each reconstruction, interleaved, every timed frame verified pixel by pixel.
 
 use crate::definitions::{Definition, ViewSpec};
-use crate::hard::has_knob;
 use crate::models;
-use crate::results::{Checked, Comparison, Pictures, Row, Scene, Spread, Stat, Storage, Truth};
+use crate::results::{Checked, Colour, Comparison, Pictures, Row, Scene, Spread, Stat, Storage, Truth};
 use anyhow::{Context, Result};
 use isobar::checking;
 use isobar::run::{self, Entry, Plan, Prepared, Setup};
 use isobar::source::{self, Source};
 use isobar::truth::Truths;
-use isobar::{output, view_spec};
+use isobar::{output, surfaces, view_spec};
 use isobar_core::{
-    Channels, DVec3, Frame, Function, KnobKind, Knobs, Method, MethodInfo, Request, ResolvedKnobs, Stage, Stop, Surface, View,
+    Channels, DVec3, Data, Frame, Function, KnobKind, Knobs, Method, MethodInfo, Request, ResolvedKnobs, Stage, Stop, Surface,
+    TransferFunction, View,
 };
-use isobar_oracle::{Check, Quantiles};
+use isobar_oracle::{Check, Difference, Quantiles};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+mod colours;
 pub mod peak;
 mod storage;
 
@@ -53,8 +54,10 @@ const ONLY: &str = "trilinear";
 pub(crate) struct Job<'a> {
     pub(crate) source: &'a Source,
     pub(crate) surfaces: &'a [Surface],
+    pub(crate) medium: Option<&'a TransferFunction>,
     pub(crate) view: &'a View,
     pub(crate) settings: &'a Settings,
+    exact: colours::Exact,
     truths: &'a Truths,
     definition: &'a Definition,
 }
@@ -72,6 +75,7 @@ pub fn scene(d: &Definition, methods: &[&'static dyn Method], settings: &Setting
         title: d.title.clone(),
         analysis: d.analysis.clone(),
         isovalues: d.isovalues.clone(),
+        medium: d.medium.clone(),
         view: view_words(&d.view),
         size: d.size.map(|n| n * scale),
         ..Scene::default()
@@ -86,21 +90,35 @@ pub fn scene(d: &Definition, methods: &[&'static dyn Method], settings: &Setting
             return Ok(out);
         }
     };
+    let medium = match d
+        .medium
+        .as_deref()
+        .map(|m| load_medium(&settings.root.join(m), &source))
+        .transpose()
+    {
+        Ok(m) => m,
+        Err(e) => {
+            out.skipped = Some(format!("{e:#}"));
+            return Ok(out);
+        }
+    };
     out.data = data_words(&source);
     source.hash().clone_into(&mut out.data_hash);
     let truths = Truths::new(source.hash(), Some(settings.truths.clone()));
     let job = Job {
         source: &source,
         surfaces: &surfaces,
+        medium: medium.as_ref(),
         view: &view,
         settings,
+        exact: colours::Exact::default(),
         truths: &truths,
         definition: d,
     };
     for reconstruction in &d.reconstructions {
         out.comparisons.push(job.comparison(reconstruction, methods, stop)?);
     }
-    if let Some(first) = out.comparisons.first_mut() {
+    if let Some(first) = out.comparisons.first_mut().filter(|_| d.medium.is_none()) {
         peak::measure(first, d, &source, settings.full);
     }
     out.seconds = start.elapsed().as_secs_f64();
@@ -136,6 +154,12 @@ pub(crate) fn open(d: &Definition, name: &str, size: [usize; 2]) -> Result<(Sour
     Ok((source, surfaces, view))
 }
 
+/// A transfer function, as `--tf` reads it.
+fn load_medium(path: &Path, source: &Source) -> Result<TransferFunction> {
+    let (lo, hi) = source.bounds();
+    surfaces::load_transfer(path, (hi - lo).max_element())
+}
+
 fn view_words(v: &ViewSpec) -> String {
     match v {
         ViewSpec::Name(n) => n.clone(),
@@ -155,12 +179,25 @@ fn data_words(s: &Source) -> String {
     }
 }
 
-/// Whether a method draws this reconstruction.
-fn draws(m: &dyn Method, reconstruction: &str) -> bool {
-    match m.info().knobs.iter().find(|k| k.name == "reconstruction").map(|k| k.kind) {
-        Some(KnobKind::Choice(words)) => words.contains(&reconstruction),
-        _ => reconstruction == ONLY,
+/// Whether a method offers this reconstruction of a grid; `None` where it has no such knob.
+fn offers(m: &dyn Method, reconstruction: &str) -> Option<bool> {
+    match m.info().knobs.iter().find(|k| k.name == "reconstruction")?.kind {
+        KnobKind::Choice(words) => Some(words.contains(&reconstruction)),
+        _ => None,
     }
+}
+
+/// Whether a method draws this reconstruction. Data that are no grid are drawn as they are: there the word is only a title.
+fn draws(m: &dyn Method, reconstruction: &str, data: &Data) -> bool {
+    !matches!(data, Data::Grid(_)) || offers(m, reconstruction).unwrap_or(reconstruction == ONLY)
+}
+
+/// What the check of a frame gives.
+struct Verified {
+    checked: Checked,
+    colour: Option<Colour>,
+    truth: Truth,
+    pictures: Option<Pictures>,
 }
 
 /// One row to measure.
@@ -173,7 +210,7 @@ impl Job<'_> {
     /// The settings all rows of a method share.
     pub(crate) fn knobs(m: &dyn Method, reconstruction: &str) -> Knobs {
         let mut k = Knobs::default();
-        if has_knob(m, "reconstruction") {
+        if offers(m, reconstruction) == Some(true) {
             k.set("reconstruction", reconstruction);
         }
         k
@@ -184,7 +221,7 @@ impl Job<'_> {
             method,
             data: &self.source.data,
             surfaces: self.surfaces,
-            medium: None,
+            medium: self.medium,
             view: self.view,
             request: Request {
                 channels,
@@ -200,7 +237,7 @@ impl Job<'_> {
             ..Comparison::default()
         };
         let chosen: Vec<&'static dyn Method> = (methods.iter().copied())
-            .filter(|m| self.definition.wants(m.info().id) && draws(*m, reconstruction))
+            .filter(|m| self.definition.wants(m.info().id) && draws(*m, reconstruction, &self.source.data))
             .collect();
         let mut prepared: Vec<Prepared> = Vec::new();
         let mut candidates = Vec::new();
@@ -243,7 +280,9 @@ impl Job<'_> {
             }
         }
         self.measure(&mut out, &mut prepared, &candidates, stop)?;
-        self.storage(&mut out, &mut prepared, &candidates, stop)?;
+        if self.medium.is_none() {
+            self.storage(&mut out, &mut prepared, &candidates, stop)?;
+        }
         drop(prepared);
         for m in &chosen {
             if out
@@ -252,7 +291,10 @@ impl Job<'_> {
                 .any(|r| r.method == m.info().id && r.default && r.reason.is_none())
             {
                 self.work_map(&mut out, *m, reconstruction, stop)?;
-                out.models.extend(models::models(self, *m, reconstruction, &out.rows, stop));
+                // The models ask for other isovalues and hold rays against their roots: they are about surfaces.
+                if self.medium.is_none() {
+                    out.models.extend(models::models(self, *m, reconstruction, &out.rows, stop));
+                }
             }
         }
         self.failures(&mut out);
@@ -284,7 +326,7 @@ impl Job<'_> {
 
     fn measure(&self, out: &mut Comparison, prepared: &mut [Prepared], candidates: &[Candidate], stop: &Stop) -> Result<()> {
         let entries: Vec<Entry> = candidates.iter().map(|c| c.entry.clone()).collect();
-        let mut checks: Vec<Option<Checked>> = vec![None; entries.len()];
+        let mut checks: Vec<Option<(Checked, Option<Colour>)>> = vec![None; entries.len()];
         let mut failed = None;
         let rows = out.rows.clone();
         let mut truth = Truth::default();
@@ -294,10 +336,10 @@ impl Job<'_> {
             let row = &rows[candidates[i].row];
             let done = self.verify(&frame, function, row, out.reconstruction.as_str(), stop);
             match done {
-                Ok((checked, t, p)) => {
-                    checks[i] = Some(checked);
-                    truth = t;
-                    pictures.extend(p);
+                Ok(v) => {
+                    checks[i] = Some((v.checked, v.colour));
+                    truth = v.truth;
+                    pictures.extend(v.pictures);
                 }
                 Err(e) => failed = Some(e),
             }
@@ -323,7 +365,10 @@ impl Job<'_> {
         for (&i, t) in good.iter().zip(timed) {
             let row = &mut out.rows[candidates[i].row];
             match (t, &first[i], checks[i]) {
-                (Ok(t), Ok(f), Some(checked)) if t.digest == f.digest => fill(row, &t, checked),
+                (Ok(t), Ok(f), Some((checked, colour))) if t.digest == f.digest => {
+                    fill(row, &t, checked);
+                    row.colour = colour;
+                }
                 (Ok(_), ..) => row.reason = Some("the timed image is not the checked one; its times are not reported".into()),
                 (Err(e), ..) => row.reason = Some(e.to_string()),
             }
@@ -376,16 +421,17 @@ impl Job<'_> {
         row: &Row,
         reconstruction: &str,
         stop: &Stop,
-    ) -> Result<(Checked, Truth, Option<Pictures>)> {
+    ) -> Result<Verified> {
         let function = function.with_context(|| format!("{} tells no function to check against", row.method))?;
+        let method = isobar::method(&row.method)?;
+        let judged = checking::judged(method, self.surfaces, self.medium);
         let start = Instant::now();
         let truth = self
             .truths
-            .get(function, self.surfaces, self.view, stop)
+            .get(function, &judged, self.view, stop)
             .context("the certified truth")?;
         let seconds = start.elapsed().as_secs_f64();
-        let check =
-            isobar_oracle::check(frame, &truth, function, self.surfaces, self.view).with_context(|| row.method.clone())?;
+        let check = isobar_oracle::check(frame, &truth, function, &judged, self.view).with_context(|| row.method.clone())?;
         let stages = truth.stages();
         let facts = Truth {
             pixels: truth.pixels.len() as u64,
@@ -395,13 +441,17 @@ impl Job<'_> {
             expected: self.definition.expected(reconstruction, [self.view.width, self.view.height]),
             seconds,
         };
-        let checked = checked(&check, facts.hits);
         let pictures = if row.default {
             Some(self.pictures(frame, &check, row, reconstruction)?)
         } else {
             None
         };
-        Ok((checked, facts, pictures))
+        Ok(Verified {
+            checked: checked(&check, facts.hits),
+            colour: self.colour(frame, function, method, stop)?,
+            truth: facts,
+            pictures,
+        })
     }
 
     /// File name of a picture, relative to the page.
@@ -411,15 +461,18 @@ impl Job<'_> {
     }
 
     fn pictures(&self, frame: &Frame, check: &Check, row: &Row, reconstruction: &str) -> Result<Pictures> {
-        let out = Pictures {
+        let mut out = Pictures {
             method: row.method.clone(),
             setting: row.setting.clone(),
             image: self.file(row, reconstruction, "image"),
-            error: self.file(row, reconstruction, "error"),
             ..Pictures::default()
         };
         self.write(&out.image, &output::frame_picture(frame))?;
-        self.write(&out.error, &checking::picture(check, frame.width, frame.height))?;
+        // A medium alone has no surface that could lie elsewhere.
+        if self.medium.is_none() || colours::has_surfaces(frame) {
+            out.error = self.file(row, reconstruction, "error");
+            self.write(&out.error, &checking::picture(check, frame.width, frame.height))?;
+        }
         Ok(out)
     }
 
@@ -448,7 +501,10 @@ impl Job<'_> {
         let Some((picture, most)) = output::work_picture(&frame) else {
             return Ok(());
         };
-        let total = frame.work.iter().map(|w| u64::from(*w)).sum();
+        let total: u64 = frame.work.iter().map(|w| u64::from(*w)).sum();
+        if total == 0 {
+            return Ok(());
+        }
         let Some(row) = out.rows.iter_mut().find(|r| r.method == m.info().id && r.default) else {
             return Ok(());
         };

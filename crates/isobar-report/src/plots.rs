@@ -7,7 +7,7 @@ use plotters::prelude::*;
 use std::ops::Range;
 
 /// Colours of methods, by position in the list of methods: distinct also without colour vision, dark enough on white.
-pub const COLOURS: [RGBColor; 8] = [
+pub const COLOURS: [RGBColor; 12] = [
     RGBColor(31, 95, 168),
     RGBColor(200, 92, 20),
     RGBColor(30, 130, 90),
@@ -16,6 +16,10 @@ pub const COLOURS: [RGBColor; 8] = [
     RGBColor(70, 70, 70),
     RGBColor(190, 40, 60),
     RGBColor(20, 140, 170),
+    RGBColor(95, 75, 190),
+    RGBColor(115, 140, 20),
+    RGBColor(230, 130, 150),
+    RGBColor(140, 80, 50),
 ];
 
 /// Errors below this are drawn here: a logarithm needs a floor.
@@ -124,8 +128,14 @@ fn dotted(chart: &mut Chart<'_, '_>, points: &[(f64, f64)], colour: RGBColor) ->
     Ok(())
 }
 
-/// Time against error over the knob sweeps: one line per method, from `rows`; the error is the 99th percentile of right hits, in voxels.
-/// Points of frames with wrong pixels are hollow. `None` where no row has numbers.
+/// 99th percentile of a frame's colours against what it is to draw: peaks and the integral between where it draws peaks, else the integral alone.
+fn colour_error(r: &Row) -> Option<f64> {
+    let c = r.colour?;
+    Some(c.peaks.filter(|_| c.surfaces).unwrap_or(c.integral).p99)
+}
+
+/// Time against error over the knob sweeps: one line per method, from `rows`; the error is the 99th percentile of right hits, in voxels, or where there is a medium
+/// that of the colours ([`colour_error`]). Points of frames with wrong pixels are hollow. `None` where no row has numbers.
 ///
 /// # Errors
 /// When the chart cannot be drawn.
@@ -135,7 +145,7 @@ pub fn time_against_error(rows: &[Row], methods: &[String]) -> Result<Option<Str
         return Ok(None);
     }
     let ms = |r: &Row| r.wall.median * 1e3;
-    let error = |r: &Row| r.checked.t_voxels.p99.max(FLOOR);
+    let error = |r: &Row| colour_error(r).unwrap_or(r.checked.t_voxels.p99).max(FLOOR);
     let x = Axis {
         range: decades(good.iter().map(|r| ms(r))),
         title: "time of a frame, ms (wall clock)",
@@ -143,7 +153,11 @@ pub fn time_against_error(rows: &[Row], methods: &[String]) -> Result<Option<Str
     };
     let y = Axis {
         range: decades(good.iter().map(|r| error(r))),
-        title: "error, voxels (99 % of hits)",
+        title: if good.iter().any(|r| r.colour.is_some()) {
+            "error of colour (99 % of pixels)"
+        } else {
+            "error, voxels (99 % of hits)"
+        },
         label: tick,
     };
     let text = draw((620, 360), x, y, |chart| {
@@ -160,7 +174,7 @@ pub fn time_against_error(rows: &[Row], methods: &[String]) -> Result<Option<Str
                 .map_err(failed)?;
             let marks = own.iter().zip(&points).flat_map(|(r, p)| {
                 let ring = Circle::new(*p, 5, colour.stroke_width(2)).into_dyn();
-                let inside = if r.checked.wrong() == 0 {
+                let inside = if r.checked.wrong() == 0 || r.colour.is_some_and(|c| !c.surfaces) {
                     colour.filled()
                 } else {
                     WHITE.filled()

@@ -69,6 +69,8 @@ pub struct Scene {
     pub data_hash: String,
     /// Isovalues.
     pub isovalues: Vec<f64>,
+    /// Transfer function of the medium.
+    pub medium: Option<String>,
     /// The view, in words.
     pub view: String,
     /// Width and height.
@@ -205,6 +207,8 @@ pub struct Row {
     pub device: Option<Stat>,
     /// The timed frame against the truth.
     pub checked: Checked,
+    /// Its colours against the exact ones, where there is a medium.
+    pub colour: Option<Colour>,
     /// What storing the coefficients as the method does moves; `None` where it tells no function.
     pub storage: Option<Storage>,
     /// Bytes: coefficients, index, view, device.
@@ -217,6 +221,38 @@ pub struct Row {
     pub work_unit: String,
     /// What the method counted in one frame, by name.
     pub counters: Vec<(String, u64)>,
+}
+
+/// Colours of a frame against the exact ones of the oracle, linear and premultiplied, opacity included.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Colour {
+    /// Against the emission-absorption integral of the transfer function as given.
+    pub integral: Apart,
+    /// Against its peaks as surfaces and the integral between, for methods that draw them.
+    pub peaks: Option<Apart>,
+    /// Of the two exact images: no method's error.
+    pub bias: Option<Apart>,
+    /// Proved bound of the error of the exact colours, shading apart.
+    pub bound: f64,
+    /// Whether the frame has hits: a setting that draws no surfaces cannot miss any.
+    pub surfaces: bool,
+}
+
+/// How far two images are apart.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Apart {
+    /// 99th percentile over pixels of the greatest difference of a channel.
+    pub p99: f64,
+    /// Greatest.
+    pub max: f64,
+    /// Mean.
+    pub mean: f64,
+    /// Pixels with more than 1/255.
+    pub visible: u64,
+    /// Decibels; `None` for equal images.
+    pub psnr: Option<f64>,
+    /// Structural similarity.
+    pub ssim: f64,
 }
 
 /// |t*(s stored) - t*(s ideal)|: the certified first roots of the function drawn, and of the one with coefficients in f64.
@@ -292,7 +328,7 @@ pub struct Pictures {
     pub setting: String,
     /// The shaded image.
     pub image: String,
-    /// Error map.
+    /// Error map; empty where a medium alone is drawn.
     pub error: String,
     /// Work heat map; empty where the method counts none.
     pub work: String,

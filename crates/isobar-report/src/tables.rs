@@ -6,11 +6,12 @@ use anyhow::{Context, Result};
 use std::path::Path;
 
 /// Columns of the tables. Times are seconds, errors voxels, angles degrees, memory bytes.
-const COLUMNS: [&str; 50] = [
+const COLUMNS: [&str; 56] = [
     "scene",
     "group",
     "data_sha256",
     "isovalues",
+    "medium",
     "view",
     "width",
     "height",
@@ -47,6 +48,11 @@ const COLUMNS: [&str; 50] = [
     "memory_view",
     "memory_device",
     "work",
+    "colour_integral_p99",
+    "colour_integral_max",
+    "colour_peaks_p99",
+    "colour_peaks_max",
+    "colour_bias_max",
     "storage_compared",
     "storage_changed",
     "storage_median",
@@ -58,6 +64,12 @@ const COLUMNS: [&str; 50] = [
     "process_ratio",
     "revision",
 ];
+
+/// Where in [`COLUMNS`] the time model stands.
+const MODEL: usize = 12;
+
+/// The first column of [`COLUMNS`] that only a frame verified pixel by pixel has.
+const COUNTS: usize = 20;
 
 /// Writes a table per method, and that of the hard cases, into `folder`.
 ///
@@ -87,9 +99,9 @@ pub fn write(r: &Report, folder: &Path) -> Result<()> {
                     ..Row::default()
                 };
                 let mut fields = line(s, c, &row, &r.revision);
-                fields[11].clone_from(&model.model);
+                fields[MODEL].clone_from(&model.model);
                 // A model's frames are verified on rays, not pixel by pixel: no counts.
-                fields[19..COLUMNS.len() - 1].iter_mut().for_each(String::clear);
+                fields[COUNTS..COLUMNS.len() - 1].iter_mut().for_each(String::clear);
                 w.write_record(fields)?;
             }
         }
@@ -113,6 +125,7 @@ fn line(s: &Scene, c: &Comparison, r: &Row, revision: &str) -> Vec<String> {
         s.group.clone(),
         s.data_hash.clone(),
         isovalues.join(" "),
+        s.medium.clone().unwrap_or_default(),
         s.view.clone(),
         s.size[0].to_string(),
         s.size[1].to_string(),
@@ -155,6 +168,7 @@ fn line(s: &Scene, c: &Comparison, r: &Row, revision: &str) -> Vec<String> {
     out.extend([k.normal_deg.median, k.normal_deg.p99, k.normal_deg.max].map(number));
     out.extend(r.memory.map(|n| n.to_string()));
     out.push(r.work.to_string());
+    out.extend(colours(r));
     out.extend(storage(r));
     out.extend(r.peak.map_or_else(
         || vec![String::new(); 4],
@@ -168,6 +182,22 @@ fn line(s: &Scene, c: &Comparison, r: &Row, revision: &str) -> Vec<String> {
     ));
     out.push(revision.to_owned());
     out
+}
+
+/// Colours against the exact ones; nothing without a medium.
+fn colours(r: &Row) -> [String; 5] {
+    let Some(c) = &r.colour else {
+        return Default::default();
+    };
+    let number = |x: Option<f64>| x.map_or_else(String::new, |x| format!("{x:e}"));
+    [
+        Some(c.integral.p99),
+        Some(c.integral.max),
+        c.peaks.map(|a| a.p99),
+        c.peaks.map(|a| a.max),
+        c.bias.map(|a| a.max),
+    ]
+    .map(number)
 }
 
 /// The storage error; 0 pixels compared where the stored function is the ideal one, nothing where the method tells none.
@@ -248,7 +278,8 @@ mod tests {
         let mut reader = csv::Reader::from_path(dir.path().join("a-cpu.csv")).unwrap();
         let lines: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         assert_eq!(lines.len(), 2);
-        assert_eq!(&lines[1][12], "no adapter");
+        assert_eq!((COLUMNS[MODEL], COLUMNS[COUNTS]), ("model", "pixels"));
+        assert_eq!(&lines[1][MODEL + 1], "no adapter");
         assert!(lines.iter().all(|l| l.len() == COLUMNS.len()));
     }
 

@@ -2,8 +2,9 @@
 
 use crate::output::{self, ClassColour, Picture};
 use crate::settings::{finite, short};
-use isobar_core::Channels;
+use isobar_core::{Channels, Frame, Method, Surface, TransferFunction};
 pub use isobar_oracle::{Check, Class, Difference, Quantiles};
+use isobar_oracle::{Colours, TruthError};
 use serde_json::{Value, json};
 
 /// Channels a frame needs for everything a check can say.
@@ -134,6 +135,20 @@ pub fn to_text(c: &Check) -> String {
     out
 }
 
+/// The surfaces that hits are held against: those given, then for peaks/* the maxima of the transfer function's density, ascending.
+#[must_use]
+pub fn judged(method: &dyn Method, surfaces: &[Surface], medium: Option<&TransferFunction>) -> Vec<Surface> {
+    let peaks = medium.filter(|_| draws_peaks(method)).map(TransferFunction::peaks);
+    let peaks = peaks.unwrap_or_default();
+    surfaces.iter().copied().chain(peaks.iter().map(|p| p.surface())).collect()
+}
+
+/// Whether the method draws the maxima of a transfer function as surfaces: a property of the family.
+#[must_use]
+pub fn draws_peaks(method: &dyn Method) -> bool {
+    method.info().id.starts_with("peaks/")
+}
+
 /// Colours of a frame against the exact ones: the emission-absorption integral of the transfer function as given, and for methods that draw
 /// its peaks as surfaces the integral with these between.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -149,6 +164,20 @@ pub struct ColourCheck {
 }
 
 impl ColourCheck {
+    /// Holds a frame against the exact colours: the integral, and peaks with the integral between.
+    ///
+    /// # Errors
+    /// Where the frame has no colour, or the sizes differ.
+    pub fn of(frame: &Frame, integral: &Colours, peaks: Option<&Colours>) -> Result<Self, TruthError> {
+        let bounds = peaks.into_iter().chain([integral]).map(Colours::greatest_error);
+        Ok(Self {
+            bound: bounds.fold(0.0, f64::max),
+            integral: integral.difference(frame)?,
+            peaks: peaks.map(|p| p.difference(frame)).transpose()?,
+            bias: peaks.map(|p| p.bias(integral)).transpose()?,
+        })
+    }
+
     fn rows(&self) -> impl Iterator<Item = (&'static str, &Difference)> {
         let rows = [
             ("integral", Some(&self.integral)),

@@ -4,8 +4,8 @@
 
 use crate::machine;
 use isobar_core::{
-    Channels, Counters, Data, Frame, Function, Knobs, Memory, Method, RenderError, Renderer, Request, Scene, Stage, Stop,
-    Surface, TransferFunction, View,
+    Channels, Counters, Data, Frame, Function, Knobs, Memory, Method, RenderError, Renderer, Request, ResolvedKnobs, Scene,
+    Stage, Stop, Surface, TransferFunction, View,
 };
 use serde::Serialize;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -192,6 +192,7 @@ pub fn prepare(setup: &Setup<'_>) -> Result<Prepared, RenderError> {
     setup.view.validate()?;
     check_memory(setup.view, &setup.request)?;
     setup.method.supports(&setup.scene(), &setup.request)?;
+    check_coefficients(setup)?;
     let mut t = Timings::default();
     let mut renderer = timed(&mut t.open, || setup.method.open(&setup.request))?;
     timed(&mut t.data, || renderer.set_data(setup.data))?;
@@ -243,6 +244,22 @@ fn check_memory(view: &View, request: &Request) -> Result<(), RenderError> {
         )
     };
     isobar_cpu::require_memory(what, frame_bytes(view, request).saturating_mul(2))
+}
+
+/// Reconstructions that are not their samples keep f32 coefficients, made before anything is drawn.
+fn check_coefficients(setup: &Setup<'_>) -> Result<(), RenderError> {
+    let Data::Grid(grid) = &**setup.data else {
+        return Ok(());
+    };
+    let knobs = ResolvedKnobs::new(setup.method.info().knobs, &setup.request.knobs)?;
+    let name = knobs.iter().find(|(k, _)| *k == "reconstruction").map(|(_, v)| v.to_string());
+    match name {
+        Some(r) if r.ends_with("-interpolating") || r.ends_with("-prefiltered") => {
+            let what = || format!("the coefficients of reconstruction={r}");
+            isobar_cpu::require_memory(what, 4 * grid.samples.len() as u64)
+        }
+        _ => Ok(()),
+    }
 }
 
 impl Prepared {

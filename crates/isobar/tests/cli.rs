@@ -330,6 +330,41 @@ fn check_counts_every_pixel() {
     assert_eq!(json(&p.path("c.json")), json(&p.path("d.json")));
 }
 
+/// A transfer function adds the colours: every method against the integral, peaks/* also against exact peaks.
+#[test]
+fn check_holds_colours_against_the_exact_ones() {
+    let p = Place::new();
+    let tf = p.file(
+        "t.toml",
+        b"points = [[0.5, 1.0, 0.5, 0.1, 0.0], [1.0, 1.0, 0.5, 0.1, 0.05], [1.5, 0.1, 0.5, 1.0, 0.0]]",
+    );
+    let t = p.good(&format!(
+        "check {SPHERE} --method peaks/cpu --tf {tf} --size 32x24 --strict --json c.json"
+    ));
+    assert!(t.contains("colour, peaks") && t.contains("colour, bias"), "{t}");
+    let j = json(&p.path("c.json"));
+    assert_eq!(
+        (&j["missed"], &j["false"], &j["isovalues"][0]),
+        (&0.into(), &0.into(), &1.0.into())
+    );
+    let max = |of: &str| j["colour"][of]["max"].as_f64().expect(of);
+    // Seen: 7e-4 and 9e-3 in another view.
+    assert!(max("peaks") < 2e-3 && max("bias") > 3e-3, "{j}");
+    assert!((max("integral") - max("bias")).abs() < 2e-3, "{j}");
+    assert!(j["colour"]["error_bound"].as_f64().expect("a bound") < 1e-6);
+
+    let t = p.good(&format!(
+        "check synthetic:sphere,n=12,as=tets --method cellproj/cpu --set integration=exact --isovalue 1 --tf {tf} --size 32x24 --strict --json d.json"
+    ));
+    assert!(t.contains("colour, integral") && !t.contains("colour, peaks"), "{t}");
+    let j = json(&p.path("d.json"));
+    assert!(j["colour"]["integral"]["max"].as_f64().expect("a number") < 1e-5, "{j}");
+    p.bad(
+        &format!("check {SPHERE} --method peaks/cpu --tf none.toml --size 8x8"),
+        "none.toml",
+    );
+}
+
 #[test]
 fn check_draws_random_rays_by_seed() {
     let p = Place::new();

@@ -3,19 +3,26 @@
 use super::html::{Cell, anchor, bytes, count, escape, figure, image, ms, number, paragraphs, table};
 use super::swatch;
 use crate::plots;
-use crate::results::{Comparison, MODELS, Pictures, Row, Scene};
+use crate::results::{Apart, Comparison, MODELS, Pictures, Row, Scene, Stat};
 use anyhow::Result;
 use std::fmt::Write;
 
 pub(super) fn scene(s: &Scene, methods: &[String]) -> Result<String> {
     let mut out = String::new();
     let values: Vec<String> = s.isovalues.iter().map(f64::to_string).collect();
+    let mut shown = Vec::new();
+    if !values.is_empty() {
+        shown.push(format!("isovalue {}", values.join(", ")));
+    }
+    if let Some(m) = &s.medium {
+        shown.push(format!("medium <code>{}</code>", escape(m)));
+    }
     let _ = writeln!(out, "<h3 id=\"{}\">{}</h3>", anchor(&s.id), escape(&s.title));
     let _ = writeln!(
         out,
-        "<p class=\"meta\">{} · isovalue {} · view {} · {} × {} pixels · definition <code>{}/{}.toml</code></p>",
+        "<p class=\"meta\">{} · {} · view {} · {} × {} pixels · definition <code>{}/{}.toml</code></p>",
         escape(&s.data),
-        values.join(", "),
+        shown.join(" · "),
         escape(&s.view),
         s.size[0],
         s.size[1],
@@ -55,7 +62,9 @@ fn comparison(s: &Scene, c: &Comparison, methods: &[String]) -> Result<String> {
         for p in &c.pictures {
             out.push_str(&pictures(s, p, methods));
         }
-        out.push_str(LEGEND);
+        if c.pictures.iter().any(|p| !p.error.is_empty()) {
+            out.push_str(LEGEND);
+        }
     }
     if let Some(chart) = plots::time_against_error(&c.rows, methods)? {
         let names: Vec<String> = (methods.iter().enumerate())
@@ -69,7 +78,9 @@ fn comparison(s: &Scene, c: &Comparison, methods: &[String]) -> Result<String> {
         );
         out.push_str(&figure(&chart, &caption));
     }
+    out.push_str(&colours(c, methods));
     out.push_str(&rows(c, methods));
+    out.push_str(&storage(c));
     out.push_str(&models(c, methods));
     out.push_str(&peaks(c, methods));
     Ok(out)
@@ -91,10 +102,10 @@ fn pictures(s: &Scene, p: &Pictures, methods: &[String]) -> String {
         &image(&p.image, &format!("{} drawn by {}", s.title, p.method), s.size),
         &format!("{name}: the picture"),
     ));
-    out.push_str(&figure(
-        &image(&p.error, &format!("error map of {}", p.method), s.size),
-        "Error of every pixel",
-    ));
+    if !p.error.is_empty() {
+        let map = image(&p.error, &format!("error map of {}", p.method), s.size);
+        out.push_str(&figure(&map, "Error of every pixel"));
+    }
     if !p.work.is_empty() {
         let caption = format!(
             "Work per pixel: 0 <span class=\"bar heat\"></span> {} {}",
@@ -124,7 +135,6 @@ fn rows(c: &Comparison, methods: &[String]) -> String {
         ("", "<small>99 %</small>"),
         ("", "<small>max</small>"),
         ("", "normal, °<small>99 %</small>"),
-        ("wrap", "storage error, voxels<small>median</small>"),
         ("", "memory"),
         ("", "work<small>per pixel</small>"),
     ];
@@ -135,7 +145,6 @@ fn rows(c: &Comparison, methods: &[String]) -> String {
         .collect();
     table(&head, &body)
         + "<p class=\"note\">Tinted: the default setting. Unproved: pixels without a claim that the oracle can refute. \
-           Storage error: how far the certified root of the function drawn lies from that of the same with coefficients in f64. \
            Memory: what the renderer holds beyond the data and the frame.</p>\n"
 }
 
@@ -150,13 +159,19 @@ fn row(r: &Row, methods: &[String]) -> Vec<Cell> {
         return cells;
     }
     let k = &r.checked;
+    let surfaces = r.colour.is_none_or(|c| c.surfaces);
     let device = r
         .device
         .map_or_else(String::new, |d| format!("<small>device {}</small>", ms(d.median)));
-    cells.push(Cell::new(format!("{} ± {}{device}", ms(r.wall.median), ms(r.wall.mad))));
+    cells.push(Cell::new(format!("{}{device}", spread(&r.wall))));
     cells.push(Cell::new(ms(r.cpu.median)));
     for n in [k.missed, k.false_hits, k.wrong_root, k.wrong_surface, k.refuted] {
-        cells.push(Cell::count(n, true));
+        cells.push(if surfaces {
+            Cell::count(n, true)
+        } else {
+            // A setting that draws no surfaces cannot miss any.
+            Cell::with("zero", "–")
+        });
     }
     cells.push(Cell::count(k.undecidable, false));
     cells.push(if k.unclaimed == k.pixels {
@@ -167,7 +182,6 @@ fn row(r: &Row, methods: &[String]) -> Vec<Cell> {
     for x in [k.t_voxels.median, k.t_voxels.p99, k.t_voxels.max, k.normal_deg.p99] {
         cells.push(Cell::new(number(x)));
     }
-    cells.push(storage(r));
     cells.push(Cell::new(bytes(r.memory.iter().sum())));
     let work = if r.work_unit.is_empty() {
         String::new()
@@ -182,21 +196,103 @@ fn row(r: &Row, methods: &[String]) -> Vec<Cell> {
     cells
 }
 
-/// How far storing the coefficients moves the surface.
-fn storage(r: &Row) -> Cell {
-    match &r.storage {
-        None => Cell::with("zero", "tells none"),
-        Some(s) if s.same => Cell::with("zero", "none:<small>stored = ideal</small>"),
-        Some(s) => {
-            let changed = if s.changed > 0 {
-                format!("; {} pixels hit another root or none", count(s.changed))
-            } else {
-                String::new()
-            };
-            let [median, p99, max] = [s.voxels.median, s.voxels.p99, s.voxels.max].map(number);
-            Cell::new(format!("{median}<small>99 % {p99}, max {max}{changed}</small>"))
+/// Colours against the exact ones, where there is a medium.
+fn colours(c: &Comparison, methods: &[String]) -> String {
+    let peaks = c.rows.iter().any(|r| r.colour.is_some_and(|k| k.peaks.is_some()));
+    let body: Vec<_> = (c.rows.iter())
+        .filter_map(|r| {
+            let k = r.colour?;
+            let i = methods.iter().position(|m| *m == r.method).unwrap_or(0);
+            let mut cells = vec![
+                Cell::with("text", format!("{}{}", swatch(i), escape(&r.method))),
+                Cell::with("text wrap", escape(&r.setting)),
+                Cell::new(ms(r.wall.median)),
+            ];
+            cells.push(apart(&k.integral));
+            if peaks {
+                cells.extend([k.peaks, k.bias].map(|d| d.map_or_else(|| Cell::new(""), |d| apart(&d))));
+            }
+            Some((if r.default { "default" } else { "" }, cells))
+        })
+        .collect();
+    if body.is_empty() {
+        return String::new();
+    }
+    let mut head = vec![
+        ("text", "method"),
+        ("text", "setting"),
+        ("", "frame<small>ms</small>"),
+        ("wrap", "against the integral"),
+    ];
+    if peaks {
+        head.push(("wrap", "against peaks and the integral between"));
+        head.push(("wrap", "bias<small>of drawing peaks: of the two exact images</small>"));
+    }
+    let bound = c.rows.iter().filter_map(|r| r.colour).map(|k| k.bound).fold(0.0, f64::max);
+    table(&head, &body)
+        + &format!(
+            "<p class=\"note\">Differences of linear premultiplied colour and opacity: 99th percentile over pixels of the greatest difference of a channel; \
+             below it the greatest, pixels off by more than 1/255, and peak signal-to-noise ratio. The exact colours are proved to {}, shading apart.</p>\n",
+            number(bound)
+        )
+}
+
+fn apart(d: &Apart) -> Cell {
+    let psnr = d.psnr.map_or_else(|| "equal".to_owned(), |p| format!("{p:.1} dB"));
+    Cell::new(format!(
+        "{}<small>max {}, visible {}, {psnr}</small>",
+        number(d.p99),
+        number(d.max),
+        count(d.visible)
+    ))
+}
+
+/// Median and median absolute deviation, milliseconds; of one time there is no deviation.
+fn spread(s: &Stat) -> String {
+    if s.n > 1 {
+        format!("{} ± {}", ms(s.median), ms(s.mad))
+    } else {
+        format!("{} (once)", ms(s.median))
+    }
+}
+
+/// How far storing the coefficients moves the surface: a line for each answer, with the methods that give it.
+fn storage(c: &Comparison) -> String {
+    let mut answers: Vec<(String, Vec<&str>)> = Vec::new();
+    for r in c
+        .rows
+        .iter()
+        .filter(|r| r.default && r.reason.is_none() && r.colour.is_none())
+    {
+        let told = match &r.storage {
+            None => "not told".to_owned(),
+            Some(s) if s.same => "none, the function drawn is that of coefficients in f64".to_owned(),
+            Some(s) => {
+                let [median, p99, max] = [s.voxels.median, s.voxels.p99, s.voxels.max].map(number);
+                let changed = if s.changed > 0 {
+                    format!("; {} pixels hit another root or none", count(s.changed))
+                } else {
+                    String::new()
+                };
+                format!("median {median}, 99 % {p99}, greatest {max} voxel{changed}")
+            }
+        };
+        match answers.iter_mut().find(|(t, _)| *t == told) {
+            Some((_, names)) => names.push(&r.method),
+            None => answers.push((told, vec![&r.method])),
         }
     }
+    let Some(lines) = answers
+        .into_iter()
+        .map(|(told, names)| format!("{}: {told}", names.join(", ")))
+        .reduce(|a, b| a + ". " + &b)
+    else {
+        return String::new();
+    };
+    format!(
+        "<p class=\"note\">Storage error, how far the certified root of the function drawn lies from that of the same with coefficients in f64. {}.</p>\n",
+        escape(&lines)
+    )
 }
 
 /// Memory of a process of its own, where it was measured.
@@ -253,9 +349,8 @@ fn models(c: &Comparison, methods: &[String]) -> String {
                 cells.push(match found {
                     Some(m) if m.reason.is_some() => Cell::with("reason", escape(m.reason.as_deref().unwrap_or_default())),
                     Some(m) => Cell::new(format!(
-                        "{} ± {}<small>CPU {}; {}</small>",
-                        ms(m.wall.median),
-                        ms(m.wall.mad),
+                        "{}<small>CPU {}</small><small>{}</small>",
+                        spread(&m.wall),
                         ms(m.cpu.median),
                         escape(&m.verified)
                     )),

@@ -66,7 +66,7 @@ pub fn run(args: &CheckArgs) -> Result<Answer> {
         .map(|p| surfaces::load_transfer(p, (hi - lo).max_element()))
         .transpose()?;
     let job = Job {
-        judged: judged(method, &surfaces, medium.as_ref()),
+        judged: checking::judged(method, &surfaces, medium.as_ref()),
         medium,
         args,
         method,
@@ -98,18 +98,6 @@ pub fn run(args: &CheckArgs) -> Result<Answer> {
         warnings: super::warnings(&source, &job.judged),
         no: checked.refuted > 0 || args.strict && checking::wrong(&checked) > 0,
     })
-}
-
-/// The surfaces that hits are held against: those given, then for peaks/* the maxima of the transfer function's density, ascending.
-fn judged(method: &dyn Method, surfaces: &[Surface], medium: Option<&TransferFunction>) -> Vec<Surface> {
-    let peaks = medium.filter(|_| draws_peaks(method)).map(TransferFunction::peaks);
-    let peaks = peaks.unwrap_or_default();
-    surfaces.iter().copied().chain(peaks.iter().map(|p| p.surface())).collect()
-}
-
-/// Whether the method draws the maxima of a transfer function as surfaces: a property of the family.
-fn draws_peaks(method: &dyn Method) -> bool {
-    method.info().id.starts_with("peaks/")
 }
 
 struct Job<'a> {
@@ -193,17 +181,10 @@ impl Job<'_> {
             .with_context(|| format!("check {}", self.args.method))
         };
         let integral = exact(Reference::Integral)?;
-        let peaks = draws_peaks(self.method).then(|| exact(Reference::Peaks)).transpose()?;
-        Ok(ColourCheck {
-            bound: peaks
-                .iter()
-                .chain([&integral])
-                .map(Colours::greatest_error)
-                .fold(0.0, f64::max),
-            integral: integral.difference(frame)?,
-            peaks: peaks.as_ref().map(|p| p.difference(frame)).transpose()?,
-            bias: peaks.as_ref().map(|p| p.bias(&integral)).transpose()?,
-        })
+        let peaks = checking::draws_peaks(self.method)
+            .then(|| exact(Reference::Peaks))
+            .transpose()?;
+        Ok(ColourCheck::of(frame, &integral, peaks.as_ref())?)
     }
 
     fn one_view(&self) -> Result<Answered> {
