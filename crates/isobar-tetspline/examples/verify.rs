@@ -1,6 +1,6 @@
 //! Draws a scene with several settings, holds each frame against the oracle, and gives the CPU time of a frame (least of five, all threads):
 //! `cargo run --release -p isobar-tetspline --example verify -- FILE|NAME,n=64 ISOVALUE [WIDTHxHEIGHT] [gpu]`. `gpu`: `tetspline/gpu` and its variants,
-//! with `--features gpu`. Synthetic data are seen in the bench view, files in the default one.
+//! with `--features gpu`. `alone`: packets and, with work counted per pixel, single rays, drawn in turn. Synthetic data are seen in the bench view, files in the default one.
 
 use isobar_core::{Channels, Data, Frame, Knobs, Method, Request, Stage, Stop, Surface, View};
 use isobar_fields::Synthetic;
@@ -14,23 +14,32 @@ fn cpu_seconds() -> f64 {
     t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9
 }
 
-/// A method and the settings it is drawn with.
-fn method(name: &str) -> Result<(&'static dyn Method, Vec<Knobs>), Box<dyn std::error::Error>> {
+/// A method and the settings it is drawn with: knobs, and channels besides the usual ones.
+type Settings = (&'static dyn Method, Vec<(Knobs, Channels)>);
+
+fn method(name: &str) -> Result<Settings, Box<dyn std::error::Error>> {
+    let none = Channels::empty();
+    let plain = |all: Vec<Knobs>| all.into_iter().map(|k| (k, none)).collect();
     let with = |name: &'static str, value: &'static str| Knobs::default().with(name, value);
     match name {
         "cpu" => Ok((
             &isobar_tetspline::TETSPLINE_CPU,
-            vec![
+            plain(vec![
                 Knobs::default(),
                 with("classify", "data"),
                 with("roots", "newton3"),
                 with("classify", "paper"),
-            ],
+            ]),
+        )),
+        // A frame that counts work is drawn ray by ray.
+        "alone" => Ok((
+            &isobar_tetspline::TETSPLINE_CPU,
+            vec![(Knobs::default(), none), (Knobs::default(), Channels::WORK)],
         )),
         #[cfg(feature = "gpu")]
         "gpu" => Ok((
             &isobar_tetspline::TETSPLINE_GPU,
-            vec![
+            plain(vec![
                 Knobs::default(),
                 with("coefficients", "determining-set"),
                 with("roots", "hull"),
@@ -40,9 +49,9 @@ fn method(name: &str) -> Result<(&'static dyn Method, Vec<Knobs>), Box<dyn std::
                 with("rays", "interpolated")
                     .with("roots", "newton3")
                     .with("classify", "paper"),
-            ],
+            ]),
         )),
-        other => Err(format!("no method {other} here: cpu, or gpu with --features gpu").into()),
+        other => Err(format!("no method {other} here: cpu, alone, or gpu with --features gpu").into()),
     }
 }
 
@@ -62,11 +71,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let data: Arc<Data> = Arc::new(data);
     let surfaces = [Surface::isovalue(isovalue, 0)];
     let (method, settings) = method(&argument(4, "cpu"))?;
-    let mut truth = None;
-    for knobs in settings {
-        let text: Vec<String> = knobs.0.iter().map(|(k, v)| format!("{k}={v}")).collect();
+    let mut all = Vec::new();
+    for (knobs, more) in settings {
+        let mut text: Vec<String> = knobs.0.iter().map(|(k, v)| format!("{k}={v}")).collect();
+        if !more.is_empty() {
+            text.push("ray by ray".into());
+        }
         let request = Request {
-            channels: Channels::T | Channels::NORMAL | Channels::SURFACE | Channels::RGBA | Channels::CLAIM | Channels::T_ERROR,
+            channels: Channels::T
+                | Channels::NORMAL
+                | Channels::SURFACE
+                | Channels::RGBA
+                | Channels::CLAIM
+                | Channels::T_ERROR
+                | more,
             knobs,
             ..Request::default()
         };
@@ -74,19 +92,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         r.set_data(&data)?;
         r.set_surfaces(&surfaces)?;
         r.set_view(&view)?;
-        let mut frame = Frame::default();
-        let (mut first, mut least) = (0.0, f64::INFINITY);
-        // A GPU in software is slow, and its times mean little.
-        let frames = if method.info().gpu { 2 } else { 5 };
-        for n in 0..frames {
+        all.push((r, text.join(" "), 0.0, f64::INFINITY));
+    }
+    // A GPU in software is slow, and its times mean little.
+    let frames = if method.info().gpu { 2 } else { 7 };
+    for n in 0..frames {
+        for (r, _, first, least) in &mut all {
             let start = cpu_seconds();
             r.render(&Stop::default())?;
             let ms = (cpu_seconds() - start) * 1e3;
             if n == 0 {
-                first = ms;
+                *first = ms;
             }
-            least = ms.min(least);
+            *least = ms.min(*least);
         }
+    }
+    let mut truth = None;
+    let mut frame = Frame::default();
+    for (mut r, text, first, least) in all {
         r.read(&mut frame)?;
         let f = r.reconstruction(Stage::Stored).ok_or("a reconstruction")?;
         if truth.is_none() {
@@ -95,9 +118,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let truth = truth.as_ref().ok_or("truth")?;
         let c = check(&frame, truth, &f, &surfaces, &view)?;
         println!(
-            "{spec} at {isovalue}, {w}x{h}, {}: {} hits, missed {}, false {}, wrong root {}, refuted {}, undecidable {}, unclaimed {} of {}; t p99 {:.1e} max {:.1e} voxel; \
-             CPU {first:.0} ms first, {least:.0} ms least; index {} bytes; stages {:?}; {:?}",
-            if text.is_empty() { "default".into() } else { text.join(" ") },
+            "{spec} at {isovalue}, {w}x{h}, {}: {} hits, missed {}, false {}, wrong root {}, refuted {}, undecidable {}, unclaimed {} of {}; t p99 {:.1e} max {:.1e} voxel, \
+             normal max {:.1e} degrees; CPU {first:.0} ms first, {least:.0} ms least; index {} bytes; stages {:?}; {:?}",
+            if text.is_empty() { "default".into() } else { text },
             c.hits,
             c.missed,
             c.false_hits,
@@ -108,6 +131,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             c.pixels,
             c.t_error_voxels.p99,
             c.t_error_voxels.max,
+            c.normal_error_deg.max,
             r.memory().index,
             c.stage,
             r.counters()

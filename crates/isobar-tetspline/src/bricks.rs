@@ -118,23 +118,24 @@ impl Cubes {
         self.mask.load(Ordering::Relaxed)
     }
 
-    /// Active kinds of cube `b`: all of them where they are not kept. `find` works them out.
+    /// Active kinds of cube `b`, if known: all of them where they are not kept.
     #[inline(always)]
-    pub(crate) fn kinds(&self, b: u32, find: impl FnOnce() -> u32) -> u32 {
+    pub(crate) fn known(&self, b: u32) -> Option<u32> {
         let Some(slot) = self.kinds.get(b as usize) else {
-            return (1 << 24) - 1;
+            return Some((1 << 24) - 1);
         };
-        match slot.load(Ordering::Relaxed) {
-            0 => {
-                let kinds = find();
-                // Every thread would store the same.
-                slot.store(kinds | KNOWN, Ordering::Relaxed);
-                if kinds == 0 {
-                    self.mask.fetch_and(!(1 << b), Ordering::Relaxed);
-                }
-                kinds
+        let kinds = slot.load(Ordering::Relaxed);
+        (kinds != 0).then_some(kinds & !KNOWN)
+    }
+
+    /// Keeps the active kinds of cube `b`; every thread would keep the same.
+    #[inline(always)]
+    pub(crate) fn keep(&self, b: u32, kinds: u32) {
+        if let Some(slot) = self.kinds.get(b as usize) {
+            slot.store(kinds | KNOWN, Ordering::Relaxed);
+            if kinds == 0 {
+                self.mask.fetch_and(!(1 << b), Ordering::Relaxed);
             }
-            kinds => kinds & !KNOWN,
         }
     }
 }
@@ -179,6 +180,18 @@ impl Active {
         let made = self.bricks.iter().filter_map(OnceLock::get);
         let cubes: usize = made.map(|c| size_of::<Cubes>() + c.kinds.len() * 4).sum();
         self.words.len() * 12 + self.bricks.len() * size_of::<OnceLock<Box<Cubes>>>() + cubes
+    }
+
+    /// The word of a node.
+    #[inline(always)]
+    pub(crate) fn word_of(&self, node: [i32; 3]) -> usize {
+        let [x, y, z] = node.map(|i| i as usize);
+        (z * self.dims[1] + y) * self.dims[0] + x
+    }
+
+    /// Whether nothing that can hold a surface is left out.
+    pub(crate) fn is_conservative(&self) -> bool {
+        self.rule != Rule::DeterminingSet
     }
 
     /// Whether active tetrahedra are kept.

@@ -2,6 +2,7 @@
 
 use crate::bricks::{Active, Bricks, Datum};
 use crate::classify::Rule;
+use crate::packet::{Job, Projection, RaySet, holds};
 use crate::ray::{Bounds, Entry, Space, Walk};
 use crate::roots::Finder;
 use crate::walk::{Root, Scratch, Search, Work};
@@ -12,7 +13,7 @@ use isobar_core::{
     Unsupported, View,
 };
 use isobar_cpu::scene::{Isovalues, check_clipped_scene, check_medium, check_open_cuts, check_request, grid};
-use isobar_cpu::{Kernel, Level, PixelSink, Pool, Tile, TileOut, copy_frame, render_tiles};
+use isobar_cpu::{Kernel, Level, PixelSink, Pool, copy_frame, render_tiles};
 use isobar_fields::{Coefficients, Type6Spline};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -291,9 +292,11 @@ impl Renderer for Tetspline {
                 finder: settings.finder,
                 margin: MARGIN,
             };
+            let claims = settings.claims && search.finds_all();
+            let projection = Projection::new(view, &volume.space);
             render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
-                let tile = DrawTile { search, space: &volume.space, view, surfaces, claims: settings.claims && settings.rule != Rule::DeterminingSet, tile, out };
-                total.add(self.level.run(tile));
+                let job = Job { field: &search, space: &volume.space, view, surfaces, claims, tile, out };
+                total.add(draw(self.level, projection.as_ref(), search, job));
             })
         });
         if let Err(e) = result {
@@ -340,6 +343,7 @@ impl Renderer for Tetspline {
             ("active cubes entered", self.work.active),
             ("tetrahedra", self.work.tets),
             ("cubics", self.work.cubics),
+            ("rays alone", self.work.alone),
             ("active bricks", active as u64),
         ])
     }
@@ -347,18 +351,18 @@ impl Renderer for Tetspline {
 
 /// Work of all tiles.
 #[derive(Debug, Default)]
-struct SharedWork([AtomicU64; 6]);
+struct SharedWork([AtomicU64; 7]);
 
 impl SharedWork {
     fn add(&self, w: Work) {
-        let all = [w.nodes, w.bricks, w.cubes, w.active, w.tets, w.cubics];
+        let all = [w.nodes, w.bricks, w.cubes, w.active, w.tets, w.cubics, w.alone];
         for (total, n) in self.0.iter().zip(all) {
             total.fetch_add(n, Ordering::Relaxed);
         }
     }
 
     fn get(&self) -> Work {
-        let [nodes, bricks, cubes, active, tets, cubics] = std::array::from_fn(|i| self.0[i].load(Ordering::Relaxed));
+        let [nodes, bricks, cubes, active, tets, cubics, alone] = std::array::from_fn(|i| self.0[i].load(Ordering::Relaxed));
         Work {
             nodes,
             bricks,
@@ -366,52 +370,72 @@ impl SharedWork {
             active,
             tets,
             cubics,
+            alone,
         }
     }
 }
 
-/// One tile as a kernel.
-struct DrawTile<'a, 'b, T> {
-    search: Search<'a, T>,
-    space: &'a Space,
-    view: &'a View,
-    surfaces: &'a Isovalues,
-    claims: bool,
-    tile: Tile,
-    out: &'a mut TileOut<'b>,
+/// Draws one tile with at most the instructions of `level`; gives the work done.
+fn draw<T: Datum>(level: Level, projection: Option<&Projection>, search: Search<'_, T>, mut job: Job<'_, '_>) -> Work {
+    let mut work = Work::default();
+    let mut rays = None;
+    if let Some(projection) = projection
+        && job.suits_packets()
+    {
+        let left = job.draw(level, projection, MARGIN, &mut work);
+        if left.iter().all(|&b| b == 0) {
+            return work;
+        }
+        rays = Some(left);
+    }
+    level.run(SingleRays { search, job, rays, work })
 }
 
-impl<T: Datum> Kernel for DrawTile<'_, '_, T> {
+/// A tile ray by ray, as a kernel.
+struct SingleRays<'a, 'b, T> {
+    search: Search<'a, T>,
+    job: Job<'a, 'b>,
+    /// Only these.
+    rays: Option<RaySet>,
+    /// What was done before.
+    work: Work,
+}
+
+impl<T: Datum> Kernel for SingleRays<'_, '_, T> {
     type Output = Work;
 
     #[inline(always)]
     fn run(self) -> Work {
-        let Self {
-            mut search,
+        let mut search = self.search;
+        let Job {
             space,
             view,
             surfaces,
             claims,
             tile,
             out,
-        } = self;
+            ..
+        } = self.job;
         let rays = view.generator();
         let mut scratch = Scratch::new(surfaces.values().len());
-        let mut work = Work::default();
+        let mut work = self.work;
         let clipped = !view.clips.is_empty();
-        let provable = claims && search.finder == Finder::Certified;
         for (x, y) in tile.pixels() {
+            if self.rays.is_some_and(|set| !holds(&set, x - tile.x, y - tile.y)) {
+                continue;
+            }
+            work.alone += 1;
             let ray = rays.ray(x, y);
             let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
             let mut claim = Claim::empty();
             if surfaces.values().is_empty() {
-                sink.finish(if provable { Claim::EMPTY } else { claim }, 0);
+                sink.finish(if claims { Claim::EMPTY } else { claim }, 0);
                 continue;
             }
             search.margin = space.margin(ray.origin);
             let before = work.cubes;
             let entry = Walk::enter(&ray, space, &view.clips, search.margin);
-            let mut sure = provable && search.margin <= MARGIN;
+            let mut sure = claims && search.margin <= MARGIN;
             if let Entry::Through(walk) = &entry {
                 sure &= search.margin + walk.ends <= MARGIN;
                 if sure {

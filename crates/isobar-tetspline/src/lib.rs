@@ -2,7 +2,8 @@
 //!
 //! The spline itself, its masks and its exact tests are in `isobar_fields::type6`; corrections to the paper in maths, section A. Here is how it is drawn:
 //! [`TETSPLINE_CPU`] walks the active cubes along each ray and the tetrahedra of each in the order the ray crosses them, restricts the cubic to the ray by
-//! blossoming, and finds its roots: certified ones, or those of the paper's three-start Newton iteration. [`classify`] has the paper's classification of cubes
+//! blossoming, and finds its roots: certified ones, or those of the paper's three-start Newton iteration. First hits are found for the 256 rays of a tile together,
+//! eight pieces of rays at a time. [`classify`] has the paper's classification of cubes
 //! and tetrahedra and the conservative one. `TETSPLINE_GPU` (feature `gpu`) is the paper's renderer on wgpu.
 //!
 //! **Architecture invariants.** No other method is imported. Nothing prints.
@@ -14,6 +15,7 @@ mod cube;
 #[cfg(feature = "gpu")]
 mod gpu;
 pub mod newton;
+mod packet;
 #[cfg(test)]
 mod proofs;
 mod ray;

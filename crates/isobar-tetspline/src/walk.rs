@@ -74,8 +74,10 @@ pub(crate) struct Work {
     pub(crate) active: u64,
     /// Tetrahedra whose coefficients were worked out.
     pub(crate) tets: u64,
-    /// Cubics made from them.
+    /// Cubics made from them (in packets: those that may have a root).
     pub(crate) cubics: u64,
+    /// Rays walked alone.
+    pub(crate) alone: u64,
 }
 
 /// A volume with the surfaces sought in it.
@@ -102,6 +104,13 @@ struct Way<'w, F> {
     push: F,
 }
 
+impl<T> Search<'_, T> {
+    /// Whether every root is found: neither the paper's roots nor its classification.
+    pub(crate) fn finds_all(&self) -> bool {
+        self.finder == Finder::Certified && self.active.is_conservative()
+    }
+}
+
 impl<T: Datum> Search<'_, T> {
     /// Calls `push` with the roots in order until it returns false. Returns whether all of the ray that was walked is certain.
     #[inline(always)]
@@ -126,13 +135,12 @@ impl<T: Datum> Search<'_, T> {
     fn nodes<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>) -> bool {
         let w = way.walk;
         let last = three(|a| (self.dims[a] as i32 - 1) >> 2);
-        let words = self.active.dims;
         let mut brick = three(|a| (w.cube_at(a, w.t0) >> 2).clamp(0, last[a]));
         let mut t = w.t0;
         'node: loop {
             way.work.nodes += 1;
             let node = three(|a| brick[a] >> 2);
-            let at = (node[2] as usize * words[1] + node[1] as usize) * words[0] + node[0] as usize;
+            let at = self.active.word_of(node);
             let word = self.active.words[at];
             if word != 0 {
                 let mut exits = w.exits(brick, 2);
@@ -196,7 +204,11 @@ impl<T: Datum> Search<'_, T> {
             way.work.cubes += 1;
             let b = bit(cube);
             if mask >> b & 1 != 0 {
-                let kinds = cubes.kinds(b, || self.kinds(cube));
+                let kinds = cubes.known(b).unwrap_or_else(|| {
+                    let kinds = self.kinds(cube);
+                    cubes.keep(b, kinds);
+                    kinds
+                });
                 if kinds != 0 && !self.cube(way, cube, kinds, t, te) {
                     return false;
                 }
@@ -215,7 +227,7 @@ impl<T: Datum> Search<'_, T> {
 
     /// The 27 data of a cube minus the first isovalue.
     #[inline(always)]
-    fn gather(&self, cube: [i32; 3]) -> Data {
+    pub(crate) fn gather(&self, cube: [i32; 3]) -> Data {
         let reference = self.bounds[0].isovalue;
         let c = cube.map(|i| i as usize);
         let (nx, ny, nz) = (self.dims[0], self.dims[1], self.dims[2]);

@@ -1,0 +1,162 @@
+//! Packets against single rays and the oracle.
+
+use super::lanes::{LANES, Lanes, Plain};
+use super::pieces::{blossom, coefficients, gradients, two_steps};
+use crate::{TETSPLINE_CPU, cube};
+use isobar_core::{
+    Camera, Channels, DMat3, DVec3, Data, Frame, Grid, Method, Renderer, Request, Samples, Stage, Stop, Surface, View,
+};
+use isobar_fields::Synthetic;
+use isobar_oracle::{Truth, check};
+use std::sync::Arc;
+
+/// A seeded generator of numbers in [0, 1).
+fn unit(seed: &mut u64) -> f64 {
+    *seed = seed
+        .wrapping_mul(6_364_136_223_846_793_005)
+        .wrapping_add(1_442_695_040_888_963_407);
+    (*seed >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Lanes of different kinds, bit for bit as the scalar code but for the division by 192.
+#[test]
+fn pieces_are_those_of_single_rays() {
+    let mut seed = 5;
+    for round in 0..30 {
+        let mut table = [0.0; 32 * LANES];
+        table.fill_with(|| unit(&mut seed) - 0.5);
+        let kinds: [u8; LANES] = std::array::from_fn(|l| ((3 * l + round) % 24) as u8);
+        let ends: [[[f64; 3]; 2]; LANES] =
+            std::array::from_fn(|_| std::array::from_fn(|_| std::array::from_fn(|_| unit(&mut seed) - 0.5)));
+        let phi = |e: usize| {
+            let of = |v: usize| std::array::from_fn(|l| cube::barycentric(kinds[l].into(), ends[l][e])[v]);
+            [0, 1, 2, 3].map(|v| Plain::load(&of(v)))
+        };
+        let kind = Plain::index(u64::from_le_bytes(kinds));
+        let b = coefficients(&table, Plain::index(0xe0c0_a080_6040_2000), kind);
+        let c = blossom::<Plain>(&b, phi(0), phi(1)).map(|c| {
+            let mut to = [0.0; LANES];
+            c.store(&mut to);
+            to
+        });
+        let g = gradients(two_steps(&b, phi(0)), &kinds);
+        for l in 0..LANES {
+            let mut data = [0.0; 32];
+            data.copy_from_slice(&table[32 * l..32 * (l + 1)]);
+            let k = usize::from(kinds[l]);
+            let b = cube::patch(&data, k);
+            let [from, to] = ends[l].map(|p| cube::barycentric(k, p));
+            let want = cube::blossom(&b, from, to);
+            assert!((0..4).all(|i| (c[i][l] / 192.0 - want[i]).abs() < 1e-14), "{want:?}");
+            let want = cube::gradient(&b, k, from);
+            assert!((0..3).all(|a| (g[a][l] - want[a]).abs() < 1e-13), "{want:?}");
+        }
+    }
+}
+
+const FIRST: Channels = Channels::T
+    .union(Channels::NORMAL)
+    .union(Channels::SURFACE)
+    .union(Channels::RGBA)
+    .union(Channels::CLAIM)
+    .union(Channels::T_ERROR);
+
+/// Counting work keeps packets away.
+fn draw(data: &Arc<Data>, isovalue: f64, view: &View, channels: Channels) -> (Frame, Box<dyn Renderer>) {
+    let request = Request {
+        channels,
+        ..Request::default()
+    };
+    let mut r = TETSPLINE_CPU.open(&request).unwrap();
+    r.set_data(data).unwrap();
+    r.set_surfaces(&[Surface::isovalue(isovalue, 0)]).unwrap();
+    r.set_view(view).unwrap();
+    r.render(&Stop::default()).unwrap();
+    let mut f = Frame::default();
+    r.read(&mut f).unwrap();
+    (f, r)
+}
+
+fn alone(r: &dyn Renderer) -> usize {
+    let counters = r.counters();
+    counters.0.iter().find(|(n, _)| *n == "rays alone").unwrap().1 as usize
+}
+
+/// Both ways give the same pixels, and the oracle agrees; gives the number of hits and of rays that went alone.
+fn agree(name: &str, data: &Arc<Data>, isovalue: f64, view: &View) -> (usize, usize) {
+    let (one, single) = draw(data, isovalue, view, FIRST | Channels::WORK);
+    let (packets, r) = draw(data, isovalue, view, FIRST);
+    assert_eq!(alone(&*single), view.width * view.height, "{name}");
+    let f = r.reconstruction(Stage::Stored).unwrap();
+    let surfaces = [Surface::isovalue(isovalue, 0)];
+    let truth = Truth::compute(&f, &surfaces, view, &Stop::default()).unwrap();
+    let c = check(&packets, &truth, &f, &surfaces, view).unwrap();
+    assert_eq!((c.missed, c.false_hits, c.wrong_root, c.refuted), (0, 0, 0, 0), "{name}");
+    assert!(c.unclaimed <= 5, "{name}: {} pixels are not proved", c.unclaimed);
+    assert_eq!(one.claim, packets.claim, "{name}");
+    assert_eq!(one.surface, packets.surface, "{name}");
+    for (p, (a, b)) in one.t.iter().zip(&packets.t).enumerate() {
+        assert!(a == b || (a - b).abs() < 1e-10, "{name}, pixel {p}: {a} and {b}");
+    }
+    let apart = |a: &[f32; 3], b: &[f32; 3]| (0..3).any(|k| (a[k] - b[k]).abs() > 1e-5);
+    let normals = one.normal.iter().zip(&packets.normal);
+    assert_eq!(normals.filter(|(a, b)| apart(a, b)).count(), 0, "{name}");
+    (c.hits, alone(&*r))
+}
+
+fn noise(dims: [usize; 3], spacing: DVec3, direction: DMat3, mut seed: u64) -> Arc<Data> {
+    let samples: Vec<f32> = (0..dims.iter().product()).map(|_| unit(&mut seed) as f32).collect();
+    let samples = Samples::F32(samples.into());
+    let grid = Grid::new(dims, spacing, DVec3::new(0.5, -3.0, 11.0), direction, samples).unwrap();
+    Arc::new(Data::Grid(grid))
+}
+
+/// Views from outside and inside, parallel rays, axes in any direction, images that tiles do not divide, directions of both signs in a tile.
+#[test]
+fn packets_agree_with_single_rays_and_the_oracle() {
+    let turned = DMat3::from_rotation_z(0.3) * DMat3::from_rotation_x(-1.1);
+    let grids = [
+        noise([19, 14, 23], DVec3::new(1.0, 1.5, 0.7), DMat3::IDENTITY, 4),
+        noise([12, 12, 12], DVec3::ONE, turned, 5),
+        noise([9, 30, 11], DVec3::ONE, DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0)), 6),
+    ];
+    for (g, data) in grids.iter().enumerate() {
+        let (lo, hi) = data.bounds();
+        let (middle, size) = ((lo + hi) * 0.5, hi - lo);
+        let look = |eye: DVec3, to: DVec3| View::perspective(eye, to, DVec3::new(0.1, 0.2, 1.0), 50.0, 75, 50);
+        let parallel = |from: DVec3| View {
+            camera: Camera::Orthographic {
+                eye: middle + from * size.length(),
+                target: middle,
+                up: DVec3::Z,
+                height: size.length(),
+            },
+            ..View::bench(75, 50)
+        };
+        let views = [
+            View::fit(data.bounds(), 40.0, 75, 50),
+            View::fit_from(data.bounds(), -DVec3::X, DVec3::Z, 40.0, 75, 50),
+            look(middle + size * 0.2, middle - size),
+            look(lo + size * DVec3::new(0.5, 0.01, 0.5), hi),
+            look(middle + size * 1.2, middle + size * 2.0),
+            parallel(DVec3::new(0.6, -0.9, 0.5)),
+            parallel(DVec3::ONE),
+        ];
+        for (i, view) in views.iter().enumerate() {
+            let (hits, alone) = agree(&format!("grid {g}, view {i}"), data, 0.6, view);
+            assert!(hits > 100 || i == 4, "view {i}: {hits} hits");
+            // Seen along an axis, directions have both signs in half of the tiles.
+            assert!(alone < 75 * 50 * 2 / 3, "grid {g}, view {i}: {alone} rays alone");
+        }
+    }
+}
+
+/// A surface one sees in a bench view: no ray goes alone but those of a tile or two in which a component of the directions changes its sign.
+#[test]
+fn packets_draw_almost_all_of_a_frame() {
+    for (spec, isovalue) in [("marschner-lobb,n=40", 0.5), ("gyroid,n=48", 0.2)] {
+        let data = Arc::new(spec.parse::<Synthetic>().unwrap().data().unwrap());
+        let (hits, alone) = agree(spec, &data, isovalue, &View::bench(160, 120));
+        assert!(hits > 1000 && alone <= 512, "{spec}: {alone} of {hits} alone");
+    }
+}
