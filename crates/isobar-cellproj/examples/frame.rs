@@ -1,7 +1,7 @@
 //! Draws a scene, gives the CPU time of a frame (least and median of the repeats, summed over threads) with counters, and holds it against the oracle:
 //! `cargo run --release -p isobar-cellproj --example frame -- FILE|NAME,as=tets ISOVALUE[,ISOVALUE...]|N [size=1024x768] [ortho] [check] [repeats=9]
-//! [tf=sharp|smooth] [colours] [set=knob:value,...]`. N without a point asks for N isovalues evenly inside the range; cell data are averaged to
-//! the points; synthetic data are seen in the bench view, files in the default one.
+//! [tf=sharp|smooth|FILE.toml] [colours] [paper] [set=knob:value,...]`. N without a point asks for N isovalues evenly inside the range; cell data are averaged to
+//! the points; `paper` draws with `cellproj/cpu-paper`; synthetic data are seen in the bench view, files in the default one.
 
 use isobar_core::{Camera, Channels, Data, Frame, Knobs, Method, Request, Stage, Stop, Surface, TransferFunction, View};
 use isobar_fields::Synthetic;
@@ -43,6 +43,29 @@ fn transfer(kind: &str, (lo, hi): (f64, f64), data: &Data) -> TransferFunction {
         points,
         unit: (b - a).max_element() / 256.0,
     }
+}
+
+/// A transfer function from a file of the program's form.
+fn read_transfer(path: &str, data: &Data) -> Result<TransferFunction, Box<dyn std::error::Error>> {
+    let table: toml::Table = std::fs::read_to_string(path)?.parse()?;
+    let number = |v: &toml::Value| v.as_float().or(v.as_integer().map(|i| i as f64));
+    let rows = table.get("points").and_then(|p| p.as_array()).ok_or("no points")?;
+    let mut points = Vec::new();
+    for row in rows {
+        let n: Vec<f64> = row
+            .as_array()
+            .ok_or("a point is no list")?
+            .iter()
+            .filter_map(number)
+            .collect();
+        let [v, r, g, b, d] = n[..] else {
+            return Err("a point has not five numbers".into());
+        };
+        points.push((v, [r as f32, g as f32, b as f32], d as f32));
+    }
+    let (a, b) = data.bounds();
+    let unit = table.get("unit").and_then(number).unwrap_or((b - a).max_element() / 256.0);
+    Ok(TransferFunction::new(points, unit)?)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -104,7 +127,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         knobs,
         ..Request::default()
     };
-    let mut r = isobar_cellproj::CELLPROJ_CPU.open(&request)?;
+    let method: &dyn Method = if flag("paper") {
+        &isobar_cellproj::CELLPROJ_CPU_PAPER
+    } else {
+        &isobar_cellproj::CELLPROJ_CPU
+    };
+    let mut r = method.open(&request)?;
     let timed = |name: &str, start: f64| println!("{name}: {:.2} ms", (cpu_seconds() - start) * 1e3);
     let start = cpu_seconds();
     r.set_data(&data)?;
@@ -115,7 +143,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = cpu_seconds();
     r.set_view(&view)?;
     timed("view", start);
-    let transfer = value("tf").map(|kind| transfer(kind, (f64::from(lo), f64::from(hi)), &data));
+    let transfer = match value("tf") {
+        None => None,
+        Some(path) if Path::new(path).exists() => Some(read_transfer(path, &data)?),
+        Some(kind) => Some(transfer(kind, (f64::from(lo), f64::from(hi)), &data)),
+    };
     if transfer.is_some() {
         let start = cpu_seconds();
         r.set_medium(transfer.as_ref())?;

@@ -174,6 +174,34 @@ impl CellOnScreen {
         out
     }
 
+    /// Where rows of the image may meet the cell; `reach` is at least |x| and |y| of centred pixel coordinates.
+    #[inline(always)]
+    pub(crate) fn spans(&self, reach: [f64; 2]) -> Spans {
+        let mut out = Spans {
+            lo: [[0.0; 4], [f64::NEG_INFINITY; 4]],
+            hi: [[0.0; 4], [f64::INFINITY; 4]],
+        };
+        let size = |k: &V3| k[0].abs() * reach[0] + k[1].abs() * reach[1] + k[2].abs();
+        let mut n = 0;
+        for e in &self.keys[..self.entries] {
+            for x in &self.keys[self.entries..] {
+                // Inside, the key of each entry is above that of each exit.
+                let d = minus(*e, *x);
+                let one = 1.0 / d[0];
+                let (slope, constant) = (-d[1] * one, -d[2] * one);
+                // Well above the rounding of both keys.
+                let margin = 1e-3 + 1e-14 * (size(e) + size(x)) * one.abs();
+                if margin < 1e300 && slope.abs() < 1e300 && constant.abs() < 1e300 {
+                    let (side, sign) = if d[0] > 0.0 { (&mut out.lo, -1.0) } else { (&mut out.hi, 1.0) };
+                    side[0][n & 3] = slope;
+                    side[1][n & 3] = constant + sign * margin;
+                }
+                n += 1;
+            }
+        }
+        out
+    }
+
     /// Depth of entry and exit at centred pixel coordinates with the corners opposite the faces; `None` where the ray passes by. The entry has no
     /// face where the ray starts inside.
     pub(crate) fn stay(&self, perspective: bool, x: f64, y: f64) -> Option<Stay> {
@@ -197,6 +225,32 @@ impl CellOnScreen {
             entry: entry.1,
             exit: exit.1,
         })
+    }
+}
+
+/// The columns between which a row may meet a cell: greatest and least of affine functions of the row.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Spans {
+    /// Slopes and constants.
+    lo: [[f64; 4]; 2],
+    hi: [[f64; 4]; 2],
+}
+
+impl Spans {
+    /// First and last column, of `from..=to`, of the row at centred coordinate y; columns are counted from centred coordinate `first`. The last is below the first where there is none.
+    #[inline(always)]
+    pub(crate) fn columns(&self, y: f64, first: f64, from: usize, to: usize) -> (usize, usize) {
+        let at = |[slopes, constants]: &[[f64; 4]; 2]| -> [f64; 4] { std::array::from_fn(|k| slopes[k] * y + constants[k]) };
+        let (lo, hi) = (at(&self.lo), at(&self.hi));
+        let more = |a: f64, b: f64| if a > b { a } else { b };
+        let less = |a: f64, b: f64| if a < b { a } else { b };
+        let (lo, hi) = (
+            more(more(lo[0], lo[1]), more(lo[2], lo[3])),
+            less(less(hi[0], hi[1]), less(hi[2], hi[3])),
+        );
+        // Casts saturate; what is beyond the image is clipped.
+        let (lo, hi) = ((lo - first).ceil() as i32, (hi - first).floor() as i32);
+        (lo.max(from as i32) as usize, hi.clamp(-1, to as i32) as usize)
     }
 }
 
@@ -328,6 +382,11 @@ mod tests {
                             "{points:?} {eye} {perspective} ({x}, {y}): {found} not {want}"
                         );
                         if want > 1e-6 {
+                            let (from, to) = c.spans([4.5; 2]).columns(py, -4.0, 0, 8);
+                            assert!(
+                                (from..=to).contains(&x),
+                                "{points:?} {eye} {perspective} ({x}, {y}): {from} to {to}"
+                            );
                             let b = s.bounds(&cells.cells[0]).unwrap();
                             assert!((b[0]..=b[1]).contains(&(x as i32)) && (b[2]..=b[3]).contains(&(y as i32)));
                         }

@@ -3,8 +3,10 @@
 use crate::medium::Model;
 use crate::mesh::{ActiveCell, Cells};
 use crate::mixed::{Draw, Filled, Image, Integration, Settings, Sort, Volume};
+use crate::normals::{Shading, at_points};
 use crate::resolve::Resolver;
 use crate::surfaces::{DrawTile, Prepared, Work, Write, nearest_only};
+use glam::Vec3;
 use isobar_core::{
     Camera, Counters, Data, DataKind, Frame, Function, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
     RenderTime, Renderer, Request, ResolvedKnobs, Scene, Stage, Stop, Surface, TetMesh, TransferFunction, Unsupported, View,
@@ -29,6 +31,11 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
             name: "claims",
             doc: "state what is proved of each pixel (EXISTS, FIRST, EMPTY)",
             kind: KnobKind::Choice(&["on", "off"]),
+        },
+        KnobSpec {
+            name: "shading",
+            doc: "light of a hit by the gradient of its cell, or by normals of the points, linear in the cell; normals given are the cell's",
+            kind: KnobKind::Choice(&["flat", "smooth"]),
         },
         KnobSpec {
             name: "integration",
@@ -66,7 +73,7 @@ pub struct CellprojCpu;
 ///
 /// Isosurfaces of the function that is linear in each tetrahedron; all hits in order. Guarantee with `claims=on`: every pixel claims, and a pixel with
 /// EXISTS has a root within `t_error` of t, with FIRST none before it, with EMPTY none at all; rays that f64 with its proved bounds cannot tell
-/// from an edge are decided in integers (`patch.rs`, `resolve.rs`, `exact.rs`). Normals are the gradients of the cells: flat. Eyes inside the mesh, cells across
+/// from an edge are decided in integers (`patch.rs`, `resolve.rs`, `exact.rs`). Normals are the gradients of the cells; `shading=smooth` changes colours alone. Eyes inside the mesh, cells across
 /// the eye plane and lists of rays are drawn as any other. Source: sections 5 to 7 and 9.
 ///
 /// With a transfer function the colour is that of the medium with the surfaces in it (sections 3, 4 and 10): cells in visibility order, each fragment
@@ -92,10 +99,11 @@ impl Method for CellprojCpu {
         Ok(Box::new(Cellproj {
             pool: Pool::new(request.threads)?,
             level: Level::detect(),
-            claims: settings(&request.knobs)?.0,
+            output: settings(&request.knobs)?.0,
             settings: settings(&request.knobs)?.1,
             request: request.clone(),
             cells: None,
+            normals: None,
             volume: None,
             transfer: None,
             filled: None,
@@ -117,8 +125,15 @@ fn rays_with_medium() -> Unsupported {
     }
 }
 
-/// Whether to claim, and how the medium is drawn.
-fn settings(knobs: &Knobs) -> Result<(bool, Settings), RenderError> {
+/// How hits are written.
+#[derive(Debug, Clone, Copy)]
+struct Output {
+    claims: bool,
+    smooth: bool,
+}
+
+/// How hits are written, and how the medium is drawn.
+fn settings(knobs: &Knobs) -> Result<(Output, Settings), RenderError> {
     let k = ResolvedKnobs::new(INFO.knobs, knobs)?;
     let settings = Settings {
         model: if k.word("model") == "williams-max" {
@@ -138,17 +153,23 @@ fn settings(knobs: &Knobs) -> Result<(bool, Settings), RenderError> {
             Sort::Centroids
         },
     };
-    Ok((k.word("claims") == "on", settings))
+    let output = Output {
+        claims: k.word("claims") == "on",
+        smooth: k.word("shading") == "smooth",
+    };
+    Ok((output, settings))
 }
 
 #[derive(Debug)]
 struct Cellproj {
     pool: Pool,
     level: Level,
-    claims: bool,
+    output: Output,
     settings: Settings,
     request: Request,
     cells: Option<Cells>,
+    /// Of the points, made where smooth shading of surfaces asks for them.
+    normals: Option<Vec<Vec3>>,
     /// Of the cells, made with the first transfer function.
     volume: Option<Volume>,
     transfer: Option<TransferFunction>,
@@ -198,6 +219,7 @@ impl Cellproj {
             view: self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?,
             nearest_only: self.nearest_only(),
             sort: self.settings.sort,
+            shading: self.shading(),
             level: self.level,
             stop,
         };
@@ -206,6 +228,22 @@ impl Cellproj {
             return Err(RenderError::Stopped);
         }
         image.map(Some).ok_or_else(|| rays_with_medium().into())
+    }
+
+    /// To be called where normals were made.
+    fn shading(&self) -> Shading<'_> {
+        match &self.normals {
+            Some(normals) if self.output.smooth => Shading::Smooth(normals),
+            _ => Shading::Flat,
+        }
+    }
+
+    /// Makes the normals, if surfaces are to be shaded with them.
+    fn smooth(&mut self) {
+        let surfaces = self.surfaces.as_ref().is_some_and(|s| !s.values().is_empty());
+        if let (Some(cells), None, true) = (&self.cells, &self.normals, self.output.smooth && surfaces) {
+            self.normals = Some(at_points(cells));
+        }
     }
 
     fn nearest_only(&self) -> bool {
@@ -234,14 +272,16 @@ impl Renderer for Cellproj {
         // The fields are public: a mesh need not come from its constructor.
         TetMesh::new(mesh.points.clone(), mesh.cells.clone(), mesh.values.clone())?;
         self.cells = Some(self.pool.install(|| Cells::new(mesh))?);
-        self.volume = None;
+        (self.volume, self.normals) = (None, None);
         self.activate();
+        self.smooth();
         self.fill()
     }
 
     fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {
         self.surfaces = Some(Isovalues::new(&INFO, surfaces)?);
         self.activate();
+        self.smooth();
         Ok(())
     }
 
@@ -267,8 +307,9 @@ impl Renderer for Cellproj {
     }
 
     fn set_knobs(&mut self, knobs: &Knobs) -> Result<(), RenderError> {
-        let (claims, settings) = settings(knobs)?;
-        self.claims = claims;
+        let (output, settings) = settings(knobs)?;
+        self.output = output;
+        self.smooth();
         let before = std::mem::replace(&mut self.settings, settings);
         let same = Settings {
             sort: settings.sort,
@@ -287,23 +328,24 @@ impl Renderer for Cellproj {
         let prepared = self
             .pool
             .install(|| Prepared::new(cells, active, surfaces.values(), view, level));
-        let image = match self.draw_medium(&prepared, stop) {
-            Ok(image) => image,
-            Err(e) => {
-                self.frame = None;
-                return Err(e);
-            }
-        };
+        // A frame drawn in part is none.
+        let mut frame = self.frame.take().unwrap_or_default();
+        let image = self.draw_medium(&prepared, stop)?;
         let resolver = Resolver {
             cells,
             isovalues: surfaces.values(),
         };
         let total = [AtomicU64::new(0), AtomicU64::new(0)];
         let nearest_only = self.nearest_only();
-        let frame = self.frame.get_or_insert_with(Frame::default);
-        let (request, claims) = (&self.request, self.claims);
-        let result = render_tiles(&self.pool, view, request, stop, frame, |tile, out| {
-            let mut write = Write { surfaces, claims, out };
+        let (request, claims, shading) = (&self.request, self.output.claims, self.shading());
+        render_tiles(&self.pool, view, request, stop, &mut frame, |tile, out| {
+            let mut write = Write {
+                cells,
+                surfaces,
+                claims,
+                shading,
+                out,
+            };
             if let Some(image) = &image {
                 let rays = view.generator();
                 for (x, y) in tile.pixels() {
@@ -322,14 +364,10 @@ impl Renderer for Cellproj {
             });
             total[0].fetch_add(work.fragments, Ordering::Relaxed);
             total[1].fetch_add(work.resolved, Ordering::Relaxed);
-        });
-        if let Err(e) = result {
-            // A frame drawn in part is none.
-            self.frame = None;
-            return Err(e);
-        }
+        })?;
         let [fragments, resolved] = total.map(AtomicU64::into_inner);
         self.work = image.as_ref().map_or(Work { fragments, resolved }, |i| i.work);
+        self.frame = Some(frame);
         self.image = image;
         self.prepared = Some(prepared);
         Ok(RenderTime {
@@ -348,7 +386,8 @@ impl Renderer for Cellproj {
     }
 
     fn memory(&self) -> Memory {
-        let mesh = self.cells.as_ref().map_or(0, Cells::bytes) + self.active.len() * size_of::<ActiveCell>();
+        let normals = self.normals.as_ref().map_or(0, |n| n.len() * size_of::<Vec3>());
+        let mesh = normals + self.cells.as_ref().map_or(0, Cells::bytes) + self.active.len() * size_of::<ActiveCell>();
         let volume = self.volume.as_ref().map_or(0, |v| v.topology.bytes()) + self.filled.as_ref().map_or(0, Filled::bytes);
         let image = self.image.as_ref().map_or(0, |i| i.bytes);
         Memory {

@@ -27,14 +27,18 @@ fn in_block(mesh: &Cells, topology: &Topology, screen: &Screen, bins: &CellBins,
     let perspective = screen.projection.perspective;
     let (mut entries, mut exits): (Vec<Crossing>, Vec<Crossing>) = (Vec::new(), Vec::new());
     let first = screen.projection.first_pixel();
+    let reach = [screen.projection.width as f64, screen.projection.height as f64 + SIDE as f64];
     for cell in bins.of(block) {
         let c = &mesh.cells[cell as usize];
         let Some([x0, x1, y0, y1]) = screen.bounds(c) else { continue };
         let open = topology.neighbours[cell as usize].map(|n| n == NONE);
         let on_screen = CellOnScreen::new(perspective, &c.map(|i| screen.points[i as usize]), &[0.0; 4]);
+        let spans = on_screen.spans(reach);
         let (bx, by) = (block.x as i32, block.y as i32);
         for y in y0.max(by)..=y1.min(by + SIDE as i32 - 1) {
-            for x in x0.max(bx)..=x1.min(bx + SIDE as i32 - 1) {
+            let (a, b) = ((x0 - bx).max(0) as usize, (x1 - bx).clamp(0, SIDE as i32 - 1) as usize);
+            let (from, to) = spans.columns(first[1] + f64::from(y), first[0] + f64::from(bx), a, b);
+            for x in (from..to.wrapping_add(1)).map(|x| bx + x as i32) {
                 let Some(stay) = on_screen.stay(perspective, first[0] + f64::from(x), first[1] + f64::from(y)) else {
                     continue;
                 };

@@ -1,7 +1,7 @@
 //! Projected tetrahedra: S. Roettger, M. Kraus, T. Ertl, *Hardware-Accelerated Volume And Isosurface Rendering Based On Cell-Projection*, IEEE
 //! Visualization 2000.
 //!
-//! [`CELLPROJ_CPU`] projects the cells of a tetrahedral mesh to the image and finds in each pixel what the ray meets there. What
+//! [`CELLPROJ_CPU_PAPER`] is the algorithm as printed. [`CELLPROJ_CPU`] projects the cells of a tetrahedral mesh to the image and finds in each pixel what the ray meets there. What
 //! the paper does with textures and blending of graphics hardware is done here per fragment and without their limits: isosurfaces are exact hits.
 //!
 //! **Architecture invariants.** Rays are certified for the bits of `View::ray`. Frames do not depend on the number of threads. What f64 cannot
@@ -20,7 +20,9 @@ mod measure;
 mod medium;
 mod mesh;
 mod mixed;
+mod normals;
 mod order;
+mod paper;
 mod patch;
 mod raster;
 mod resolve;
@@ -32,3 +34,4 @@ mod topology;
 mod volume;
 
 pub use cpu::{CELLPROJ_CPU, CellprojCpu};
+pub use paper::{CELLPROJ_CPU_PAPER, CellprojCpuPaper};

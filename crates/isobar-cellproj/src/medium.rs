@@ -113,7 +113,7 @@ impl Medium {
     }
 
     /// Colour and extinction at a value.
-    fn at(&self, s: f64) -> ([f64; 3], f64) {
+    pub(crate) fn at(&self, s: f64) -> ([f64; 3], f64) {
         let i = self.points.partition_point(|p| p.0 < s);
         let (first, last) = (&self.points[0], &self.points[self.points.len() - 1]);
         if i == 0 {

@@ -3,12 +3,13 @@
 use crate::bvh::Bvh;
 use crate::camera::Projection;
 use crate::mesh::{ActiveCell, Cells};
+use crate::normals::Shading;
 use crate::patch::{Maker, Patch};
 use crate::raster::{Bins, CHUNK, Keys, Patches, TileBuffer};
 use crate::resolve::{Resolver, Root};
 use isobar_core::{Channels, Claim, Hit, Pixel, Ray, RayGenerator, Request, View};
 use isobar_cpu::scene::Isovalues;
-use isobar_cpu::{Kernel, Level, PixelSink, TILE, Tile, TileOut, is_visible};
+use isobar_cpu::{Blend, Kernel, Level, PixelSink, TILE, Tile, TileOut, is_visible};
 use rayon::prelude::*;
 
 /// Active cells whose patches are made together: at most 16 times as many patches.
@@ -149,8 +150,10 @@ pub(crate) struct DrawTile<'a, E> {
 
 /// Writes pixels into the frame.
 pub(crate) struct Write<'a, 'b> {
+    pub(crate) cells: &'a Cells,
     pub(crate) surfaces: &'a Isovalues,
     pub(crate) claims: bool,
+    pub(crate) shading: Shading<'a>,
     pub(crate) out: &'a mut TileOut<'b>,
 }
 
@@ -189,6 +192,19 @@ impl Write<'_, '_> {
         };
         self.out.set_pixel(x, y, &pixel);
     }
+
+    /// Hits shaded with other normals than they are given with.
+    fn smooth(&self, ray: &Ray, roots: &[Root]) -> [f32; 4] {
+        let mut blend = Blend::default();
+        for root in roots {
+            if blend.is_opaque() {
+                break;
+            }
+            let surface = &self.surfaces.all()[usize::from(self.surfaces.surface(usize::from(root.isovalue)))];
+            blend.add(surface, self.shading.normal(self.cells, ray, root), ray.direction);
+        }
+        blend.rgba()
+    }
 }
 
 /// The error of the first of some roots within which none of the others can lie before it.
@@ -202,6 +218,14 @@ impl Emit for Write<'_, '_> {
     fn pixel(&mut self, ray: &Ray, x: usize, y: usize, roots: &[Root], covered: u32) {
         if roots.is_empty() {
             return self.nothing(x, y, covered);
+        }
+        if matches!(self.shading, Shading::Smooth(_)) {
+            let rgba = if self.out.holds(Channels::RGBA) {
+                self.smooth(ray, roots)
+            } else {
+                [0.0; 4]
+            };
+            return self.coloured(ray, (x, y), roots, covered, rgba);
         }
         let claim = self.claim(roots);
         let hits = |i: usize| self.hit(ray, &roots[i], if i == 0 { widest(roots) } else { roots[i].error });

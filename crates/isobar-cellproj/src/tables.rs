@@ -18,37 +18,45 @@ pub(crate) type Texel = Vec4;
 /// Stretches integrated side by side.
 pub(crate) const LANES: usize = 8;
 
-/// How a stretch is integrated, in two steps, of which the first is the same for all.
+/// How a stretch is integrated, in two steps, of which the first is taken for all lanes at once.
 pub(crate) trait Integrator: Sync {
-    /// A coordinate of a table.
-    type Place: Copy;
+    /// Where lanes are looked up.
+    type Places;
 
     /// Where stretches of world length `l` on which s goes linearly from `front` to `back` are looked up.
-    fn places(&self, front: &[f64; LANES], back: &[f64; LANES], l: &[f64; LANES]) -> [[Self::Place; LANES]; 3];
+    fn places(&self, front: &[f64; LANES], back: &[f64; LANES], l: &[f64; LANES]) -> Self::Places;
 
-    /// Premultiplied colour and minus the opacity of one of them.
-    fn at(&self, front: Self::Place, back: Self::Place, l: Self::Place) -> Texel;
+    /// Premultiplied colour and minus the opacity of lane `i`, below [`LANES`].
+    fn at(&self, places: &Self::Places, i: usize) -> Texel;
 
     /// Both steps for one stretch.
     fn stretch(&self, front: f64, back: f64, l: f64) -> Texel {
-        let [f, b, l] = self.places(&[front; LANES], &[back; LANES], &[l; LANES]);
-        self.at(f[0], b[0], l[0])
+        self.at(&self.places(&[front; LANES], &[back; LANES], &[l; LANES]), 0)
     }
 }
 
 /// Each fragment by itself, to rounding.
 impl Integrator for Medium {
-    type Place = f64;
+    type Places = [[f64; LANES]; 3];
 
     #[inline(always)]
-    fn places(&self, front: &[f64; LANES], back: &[f64; LANES], l: &[f64; LANES]) -> [[f64; LANES]; 3] {
+    fn places(&self, front: &[f64; LANES], back: &[f64; LANES], l: &[f64; LANES]) -> Self::Places {
         [*front, *back, *l]
     }
 
     #[inline(always)]
-    fn at(&self, front: f64, back: f64, l: f64) -> Texel {
+    fn at(&self, places: &Self::Places, i: usize) -> Texel {
+        let [front, back, l] = places.map(|p| p[i % LANES]);
         Vec4::from_array(self.integrate(front, back, l).map(|v| v as f32))
     }
+}
+
+/// The first of the texels around each lane's stretch, and the shares of those next to it along each axis; the last share is the length over the average in the
+/// 2D table.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Texels {
+    first: [u32; LANES],
+    shares: [[f32; LANES]; 3],
 }
 
 /// Values to places in a table.
@@ -77,9 +85,9 @@ impl Axis {
         }
     }
 
-    /// Values in steps between nodes.
+    /// For each value the node before it, not the last, and the share of the next.
     #[inline(always)]
-    fn scale(&self, v: &[f64; LANES]) -> [f32; LANES] {
+    fn nodes(&self, v: &[f64; LANES]) -> ([u32; LANES], [f32; LANES]) {
         let most = (self.nodes - 1) as f64;
         let mut x = [0.0; LANES];
         for i in 0..LANES {
@@ -92,14 +100,20 @@ impl Axis {
         for x in &mut x {
             *x = if *x < most { *x } else { most };
         }
-        x.map(|x| x as f32)
-    }
-
-    /// The node before a scaled value, and the share of the next.
-    #[inline(always)]
-    fn node(&self, x: f32) -> (usize, f32) {
-        let i = (x as u32).min(self.nodes as u32 - 2);
-        (i as usize, x - i as f32)
+        // Adding 2^52 rounds to whole numbers, which are then the low bits: a cast that lanes have. Rounding half a step before is the node before, or where both
+        // have share 0 or 1 either.
+        const WHOLE: f64 = (1u64 << 52) as f64;
+        let last = (self.nodes - 2) as f64;
+        let (mut node, mut share) = ([0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            let half = x[i] - 0.5;
+            let half = if half > 0.0 { half } else { 0.0 };
+            let half = if half < last { half } else { last };
+            let whole = half + WHOLE;
+            node[i] = whole.to_bits() as u32;
+            share[i] = (x[i] - (whole - WHOLE)) as f32;
+        }
+        (node, share)
     }
 }
 
@@ -138,18 +152,26 @@ impl Table3 {
 }
 
 impl Integrator for Table3 {
-    type Place = f32;
+    type Places = Texels;
 
     #[inline(always)]
-    fn places(&self, front: &[f64; LANES], back: &[f64; LANES], l: &[f64; LANES]) -> [[f32; LANES]; 3] {
-        [self.value.scale(front), self.value.scale(back), self.length.scale(l)]
+    fn places(&self, front: &[f64; LANES], back: &[f64; LANES], l: &[f64; LANES]) -> Texels {
+        let n = self.value.nodes as u32;
+        let ((i, u), (j, v), (k, w)) = (self.value.nodes(front), self.value.nodes(back), self.length.nodes(l));
+        let mut first = [0; LANES];
+        for lane in 0..LANES {
+            first[lane] = (k[lane] * n + j[lane]) * n + i[lane];
+        }
+        Texels {
+            first,
+            shares: [u, v, w],
+        }
     }
 
     #[inline(always)]
-    fn at(&self, front: f32, back: f32, l: f32) -> Texel {
+    fn at(&self, places: &Texels, i: usize) -> Texel {
         let n = self.value.nodes;
-        let ((i, u), (j, v), (k, w)) = (self.value.node(front), self.value.node(back), self.length.node(l));
-        let at = (k * n + j) * n + i;
+        let (at, [u, v, w]) = (places.first[i % LANES] as usize, places.shares.map(|s| s[i % LANES]));
         let near: &[Texel] = &self.texels[at..at + n + 2];
         let far: &[Texel] = &self.texels[at + n * n..at + n * n + n + 2];
         let plane = |t: &[Texel]| mix(mix(t[0], t[1], u), mix(t[n], t[n + 1], u), v);
@@ -187,22 +209,28 @@ impl Table2 {
 }
 
 impl Integrator for Table2 {
-    type Place = f32;
+    type Places = Texels;
 
     #[inline(always)]
-    fn places(&self, front: &[f64; LANES], back: &[f64; LANES], l: &[f64; LANES]) -> [[f32; LANES]; 3] {
-        let mut lengths = [0.0; LANES];
-        for i in 0..LANES {
-            lengths[i] = l[i] as f32 * self.per_length;
+    fn places(&self, front: &[f64; LANES], back: &[f64; LANES], l: &[f64; LANES]) -> Texels {
+        let n = self.value.nodes as u32;
+        let ((i, u), (j, v)) = (self.value.nodes(front), self.value.nodes(back));
+        let (mut first, mut lengths) = ([0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            first[lane] = j[lane] * n + i[lane];
+            lengths[lane] = l[lane] as f32 * self.per_length;
         }
-        [self.value.scale(front), self.value.scale(back), lengths]
+        Texels {
+            first,
+            shares: [u, v, lengths],
+        }
     }
 
     #[inline(always)]
-    fn at(&self, front: f32, back: f32, l: f32) -> Texel {
+    fn at(&self, places: &Texels, i: usize) -> Texel {
         let n = self.value.nodes;
-        let ((i, u), (j, v)) = (self.value.node(front), self.value.node(back));
-        let t: &[Texel] = &self.texels[j * n + i..j * n + i + n + 2];
+        let (at, [u, v, l]) = (places.first[i % LANES] as usize, places.shares.map(|s| s[i % LANES]));
+        let t: &[Texel] = &self.texels[at..at + n + 2];
         let texel = mix(mix(t[0], t[1], u), mix(t[n], t[n + 1], u), v);
         let factor = if l * -texel.w > 1.0 { -1.0 / texel.w } else { l };
         texel * factor

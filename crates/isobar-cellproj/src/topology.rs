@@ -32,7 +32,7 @@ pub(crate) struct Topology {
 }
 
 /// For each point the first one with the same coordinates.
-fn canonical(points: &[DVec3]) -> (Vec<u32>, usize) {
+pub(crate) fn canonical(points: &[DVec3]) -> (Vec<u32>, usize) {
     let size = (2 * points.len()).next_power_of_two().max(2);
     let mut table = vec![NONE; size];
     let mut duplicates = 0;

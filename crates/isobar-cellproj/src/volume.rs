@@ -129,6 +129,118 @@ struct Fragment {
     back: f64,
 }
 
+/// What a row of pixels has in common: the part of each affine function that does not depend on the column.
+struct Row {
+    keys: [f64; 4],
+    start: f64,
+    rise: f64,
+}
+
+impl Row {
+    #[inline(always)]
+    fn new(c: &CellOnScreen, y: f64) -> Self {
+        Self {
+            keys: std::array::from_fn(|k| c.keys[k][1] * y + c.keys[k][2]),
+            start: c.start[1] * y + c.start[2],
+            rise: c.rise[1] * y + c.rise[2],
+        }
+    }
+}
+
+/// Where neighbouring pixels' rays meet a cell.
+struct Hull {
+    /// Keys of entry and exit.
+    entry: [f64; LANES],
+    exit: [f64; LANES],
+    /// Above 0 in lanes that meet it, and these as bits.
+    width: [f64; LANES],
+    covered: u32,
+}
+
+impl Hull {
+    /// From centred coordinate `first` on; `more` pixels follow the first.
+    #[inline(always)]
+    fn new(perspective: bool, c: &CellOnScreen, row: &Row, first: f64, more: usize) -> Self {
+        let cx = STEPS.map(|i| first + i);
+        // In front of the eye, or of the plane rays start on.
+        let mut entry = [if perspective { f64::INFINITY } else { 0.0 }; LANES];
+        let mut exit = [if perspective { 0.0 } else { f64::NEG_INFINITY }; LANES];
+        for (key, row) in c.keys.iter().zip(&row.keys).take(c.entries) {
+            for i in 0..LANES {
+                let v = key[0] * cx[i] + row;
+                entry[i] = if v < entry[i] { v } else { entry[i] };
+            }
+        }
+        for (key, row) in c.keys.iter().zip(&row.keys).skip(c.entries) {
+            for i in 0..LANES {
+                let v = key[0] * cx[i] + row;
+                exit[i] = if v > exit[i] { v } else { exit[i] };
+            }
+        }
+        let more = more as f64;
+        let mut width = [0.0; LANES];
+        for i in 0..LANES {
+            width[i] = if STEPS[i] <= more { entry[i] - exit[i] } else { -1.0 };
+        }
+        let mut bits = [0u64; LANES];
+        for i in 0..LANES {
+            bits[i] = if width[i] > 0.0 { BITS[i] } else { 0 };
+        }
+        let covered = bits.iter().fold(0, |all, bit| all | bit) as u32;
+        Self {
+            entry,
+            exit,
+            width,
+            covered,
+        }
+    }
+
+    fn lanes(&self) -> impl Iterator<Item = usize> + use<> {
+        let covered = self.covered;
+        (0..LANES).filter(move |i| covered >> i & 1 != 0)
+    }
+}
+
+/// The stays of those rays.
+struct Run {
+    /// Depths of entry and exit, and the values there.
+    near: [f64; LANES],
+    far: [f64; LANES],
+    front: [f64; LANES],
+    back: [f64; LANES],
+}
+
+impl Run {
+    #[inline(always)]
+    fn new(perspective: bool, c: &CellOnScreen, row: &Row, first: f64, hull: &Hull) -> Self {
+        let (mut near, mut far) = ([0.0; LANES], [0.0; LANES]);
+        let (mut front, mut back) = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            near[i] = if perspective { 1.0 / hull.entry[i] } else { -hull.entry[i] };
+            far[i] = if perspective { 1.0 / hull.exit[i] } else { -hull.exit[i] };
+        }
+        for i in 0..LANES {
+            let x = first + STEPS[i];
+            let start = c.start[0] * x + row.start;
+            let rise = c.rise[0] * x + row.rise;
+            front[i] = start + near[i] * rise;
+            back[i] = start + far[i] * rise;
+        }
+        Self { near, far, front, back }
+    }
+
+    /// Lane `i` of a run whose first pixel is `at`.
+    fn fragment(&self, at: usize, i: usize) -> Fragment {
+        Fragment {
+            pixel: (at + i) as u16,
+            from: self.near[i],
+            to: self.far[i],
+            front: self.front[i],
+            back: self.back[i],
+        }
+    }
+}
+
 /// The pixels of a block.
 struct Canvas {
     /// Premultiplied colour and transmittance.
@@ -136,13 +248,14 @@ struct Canvas {
     /// World length per depth; lanes may reach beyond the last pixel.
     stretch: Box<[f64; AREA + LANES]>,
     /// Depth of the next hit of each pixel, and which it is.
-    next: Box<[f64; AREA]>,
+    next: Box<[f64; AREA + LANES]>,
     place: Vec<u32>,
     /// Where the last fragment of each pixel began.
-    last: Box<[f64; AREA]>,
+    last: Box<[f64; AREA + LANES]>,
     disordered: Box<[bool; AREA]>,
-    /// Centred coordinates of the first pixel.
+    /// Centred coordinates of the first pixel, and at least those of any.
     corner: [f64; 2],
+    reach: [f64; 2],
     work: VolumeWork,
 }
 
@@ -158,6 +271,9 @@ impl Canvas {
         };
         let starts = &job.crossings.starts;
         let next = |i: usize| {
+            if i >= AREA {
+                return f64::INFINITY;
+            }
             let here = &job.crossings.all[starts[i] as usize..starts[i + 1] as usize];
             here.first().map_or(f64::INFINITY, |c| c.depth)
         };
@@ -166,9 +282,10 @@ impl Canvas {
             stretch: Box::new(std::array::from_fn(|i| if p.perspective { direction(i) } else { 1.0 })),
             next: Box::new(std::array::from_fn(next)),
             place: starts[..AREA].to_vec(),
-            last: Box::new([f64::NEG_INFINITY; AREA]),
+            last: Box::new([f64::NEG_INFINITY; AREA + LANES]),
             disordered: Box::new([false; AREA]),
             corner,
+            reach: [p.width as f64, p.height as f64 + SIDE as f64],
             work: VolumeWork::default(),
         }
     }
@@ -187,99 +304,85 @@ impl Canvas {
         let values = job.scene.mesh.values(cell);
         let perspective = screen.projection.perspective;
         let c = CellOnScreen::new(perspective, &corners.map(|i| screen.points[i as usize]), &values);
+        let spans = c.spans(self.reach);
         self.work.cells += 1;
         for y in y0..=y1 {
             let cy = self.corner[1] + y as f64;
-            let rows: [f64; 4] = std::array::from_fn(|k| c.keys[k][1] * cy + c.keys[k][2]);
-            let (start_row, rise_row) = (c.start[1] * cy + c.start[2], c.rise[1] * cy + c.rise[2]);
-            // Runs begin at the cell's first column, wherever that is: cells are narrow.
-            for x in (x0..=x1).step_by(LANES) {
+            // Runs begin at the row's first column, wherever that is: cells are narrow.
+            let (from, to) = spans.columns(cy, self.corner[0], x0, x1);
+            let row = Row::new(&c, cy);
+            let mut x = from;
+            while x < to.wrapping_add(1) {
                 let first = self.corner[0] + x as f64;
-                let cx = STEPS.map(|i| first + i);
-                // In front of the eye, or of the plane rays start on.
-                let mut entry = [if perspective { f64::INFINITY } else { 0.0 }; LANES];
-                let mut exit = [if perspective { 0.0 } else { f64::NEG_INFINITY }; LANES];
-                for (key, row) in c.keys.iter().zip(&rows).take(c.entries) {
-                    for i in 0..LANES {
-                        let v = key[0] * cx[i] + row;
-                        entry[i] = if v < entry[i] { v } else { entry[i] };
+                let hull = Hull::new(perspective, &c, &row, first, to - x);
+                if hull.covered != 0 {
+                    let run = Run::new(perspective, &c, &row, first, &hull);
+                    let at = y * SIDE + x;
+                    match &mut kept {
+                        Some(kept) => kept.extend(hull.lanes().map(|i| run.fragment(at, i))),
+                        None => self.blend(job, at, &hull, &run),
                     }
                 }
-                for (key, row) in c.keys.iter().zip(&rows).skip(c.entries) {
-                    for i in 0..LANES {
-                        let v = key[0] * cx[i] + row;
-                        exit[i] = if v > exit[i] { v } else { exit[i] };
-                    }
-                }
-                let mut inside = [0u64; LANES];
-                for i in 0..LANES {
-                    inside[i] = if exit[i] < entry[i] { BITS[i] } else { 0 };
-                }
-                let mut covered = inside.iter().fold(0, |all, bit| all | bit) as u32;
-                covered &= (1 << (x1 - x + 1).min(LANES)) - 1;
-                if covered == 0 {
-                    continue;
-                }
-                let (mut near, mut far) = ([0.0; LANES], [0.0; LANES]);
-                let (mut front, mut back) = ([0.0; LANES], [0.0; LANES]);
-                for i in 0..LANES {
-                    near[i] = if perspective { 1.0 / entry[i] } else { -entry[i] };
-                    far[i] = if perspective { 1.0 / exit[i] } else { -exit[i] };
-                    let start = c.start[0] * cx[i] + start_row;
-                    let rise = c.rise[0] * cx[i] + rise_row;
-                    front[i] = start + near[i] * rise;
-                    back[i] = start + far[i] * rise;
-                }
-                let at = y * SIDE + x;
-                if let Some(kept) = &mut kept {
-                    kept.extend((0..LANES).filter(|i| covered >> i & 1 != 0).map(|i| Fragment {
-                        pixel: (at + i) as u16,
-                        from: near[i],
-                        to: far[i],
-                        front: front[i],
-                        back: back[i],
-                    }));
-                    continue;
-                }
-                let stretch: &[f64; LANES] = self.stretch[at..at + LANES].try_into().expect("as many as lanes");
-                let mut length = [0.0; LANES];
-                for i in 0..LANES {
-                    length[i] = (far[i] - near[i]) * stretch[i];
-                }
-                let places = job.scene.integrator.places(&front, &back, &length);
-                self.work.fragments += u64::from(covered.count_ones());
-                while covered != 0 {
-                    let i = covered.trailing_zeros() as usize % LANES;
-                    covered &= covered - 1;
-                    let pixel = (at + i) % AREA;
-                    self.check(pixel, near[i]);
-                    let colour = self.colour[pixel];
-                    if colour.w <= OPAQUE {
-                        continue;
-                    }
-                    if self.next[pixel] < far[i] {
-                        let fragment = Fragment {
-                            pixel: pixel as u16,
-                            from: near[i],
-                            to: far[i],
-                            front: front[i],
-                            back: back[i],
-                        };
-                        self.mix(job, fragment);
-                    } else {
-                        let texel = job.scene.integrator.at(places[0][i], places[1][i], places[2][i]);
-                        self.colour[pixel] = colour + texel * colour.w;
-                    }
-                }
+                x += LANES;
+            }
+        }
+    }
+
+    /// Blends a run whose first pixel is `at`.
+    #[inline(always)]
+    fn blend<I: Integrator>(&mut self, job: &DrawBlock<'_, I>, at: usize, hull: &Hull, run: &Run) {
+        let stretch: &[f64; LANES] = self.stretch[at..at + LANES].try_into().expect("as many as lanes");
+        let next: &[f64; LANES] = self.next[at..at + LANES].try_into().expect("as many as lanes");
+        let last: &mut [f64; LANES] = (&mut self.last[at..at + LANES]).try_into().expect("as many as lanes");
+        self.work.fragments += u64::from(hull.covered.count_ones());
+        // Below 0: out of order, or cut by a surface. Neighbours agree on the depth of their face to rounding.
+        let mut slack = [0.0; LANES];
+        for i in 0..LANES {
+            let order = run.near[i] - last[i] + 1e-9 * run.near[i].abs();
+            let behind = next[i] - run.far[i];
+            let least = if order < behind { order } else { behind };
+            slack[i] = if hull.width[i] > 0.0 { least } else { 1.0 };
+        }
+        let least = |a: f64, b: f64| if a < b { a } else { b };
+        let pair = |k: usize| least(slack[k], slack[k + 4]);
+        if least(least(pair(0), pair(1)), least(pair(2), pair(3))) < 0.0 {
+            return self.blend_apart(job, at, hull, run);
+        }
+        for ((last, near), width) in last.iter_mut().zip(&run.near).zip(&hull.width) {
+            *last = if *width > 0.0 { *near } else { *last };
+        }
+        let mut length = [0.0; LANES];
+        for i in 0..LANES {
+            length[i] = (run.far[i] - run.near[i]) * stretch[i];
+        }
+        let places = job.scene.integrator.places(&run.front, &run.back, &length);
+        let mut left = hull.covered;
+        while left != 0 {
+            let i = left.trailing_zeros() as usize;
+            left &= left - 1;
+            // Lanes that are covered lie in the block.
+            let Some(colour) = self.colour.get_mut(at + i) else { return };
+            if colour.w > OPAQUE {
+                *colour += job.scene.integrator.at(&places, i) * colour.w;
+            }
+        }
+    }
+
+    /// The same where fragments are out of order or cut by surfaces.
+    #[cold]
+    #[inline(never)]
+    fn blend_apart<I: Integrator>(&mut self, job: &DrawBlock<'_, I>, at: usize, hull: &Hull, run: &Run) {
+        for i in hull.lanes() {
+            self.check(at + i, run.near[i]);
+            if self.colour[at + i].w > OPAQUE {
+                self.mix(job, run.fragment(at, i));
             }
         }
     }
 
     /// Counts what is out of order.
-    #[inline(always)]
     fn check(&mut self, pixel: usize, from: f64) {
-        // Neighbours agree on the depth of their face to rounding.
-        if from < self.last[pixel] - 1e-9 * from.abs() {
+        if from - self.last[pixel] + 1e-9 * from.abs() < 0.0 {
             self.work.disordered += 1;
             self.disordered[pixel] = true;
         }
