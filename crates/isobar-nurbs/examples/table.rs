@@ -287,7 +287,9 @@ fn row(class: &Class, views: usize, form: &str, isovalue: Option<&str>) -> Resul
     let (data, usual) = (class.make)()?;
     let isovalue = isovalue.map_or(Ok(usual), str::parse)?;
     let data = Arc::new(data);
-    let mut scene = Scene::open(&isobar_nurbs::NURBS_CPU, Knobs::default(), &data, isovalue)?;
+    // What grids are made of: a tri-cubic spline through the samples, as the paper's volumes.
+    let cubic = Knobs::default().with("reconstruction", "cubic-interpolating");
+    let mut scene = Scene::open(&isobar_nurbs::NURBS_CPU, cubic.clone(), &data, isovalue)?;
     // The distance by bisection, on four views.
     // Nearer than that the eye leaves parts of the surface behind.
     let (mut near, mut far) = (0.8f64, 12.0f64);
@@ -301,7 +303,7 @@ fn row(class: &Class, views: usize, form: &str, isovalue: Option<&str>) -> Resul
     }
     let distance = (near * far).sqrt();
     if form != "corrected" {
-        let knobs = Knobs::default().with("bounds", form);
+        let knobs = cubic.with("bounds", form);
         scene = Scene::open(&isobar_nurbs::NURBS_CPU_PAPER, knobs, &data, isovalue)?;
     }
     let (mut wall, mut cpu, mut sums) = (0.0, 0.0, Vec::<(&'static str, u64)>::new());
@@ -317,7 +319,7 @@ fn row(class: &Class, views: usize, form: &str, isovalue: Option<&str>) -> Resul
     let (n, hits) = (views as f64, counter(&sums, "hits"));
     println!(
         "{} {form}: hits/frame {:.0} (paper {:.0}), distance {distance:.3}; wall {:.3} s, CPU {:.3} s (paper {:.2} s on 32 cores); \
-         subdivisions/hit {:.2} (paper, OBB {:.1})",
+         subdivisions/hit {:.2}, polynomials/hit {:.2} (paper, OBB, subdivisions/hit {:.1})",
         class.name,
         hits / n,
         class.hits,
@@ -325,6 +327,7 @@ fn row(class: &Class, views: usize, form: &str, isovalue: Option<&str>) -> Resul
         cpu / n,
         class.seconds,
         counter(&sums, "subdivisions") / hits,
+        counter(&sums, "polynomials") / hits,
         class.subdivisions / class.hits,
     );
     let (lists, sizes) = (counter(&sums, "lists"), counter(&sums, "list entries"));

@@ -1,37 +1,21 @@
-//! Which elements a tile may see: those whose attribute reaches the value sought, in a hierarchy of boxes (crate `obvhs`), by the planes of the tile.
-//!
-//! The hierarchy works in f32 on the scene moved and scaled into the unit ball; boxes are widened by 1e-5, far more than rounding moves them.
+//! Which elements a tile may see: those whose attribute reaches the value sought, in a hierarchy of boxes, by the planes of the tile.
 
+use crate::affine::exact_box;
 use crate::frustum::Frustum;
 use crate::solve::{Target, Task};
-use glam::{DVec3, Vec3A};
+use crate::tree::Tree;
+use glam::DVec3;
 use isobar_core::{HexElement, HexPatches, Surface, SurfaceKind};
 use isobar_cpu::is_visible;
-use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::{Bvh2, builder::build_bvh2};
 use std::collections::HashMap;
 use std::collections::hash_map::DefaultHasher;
 use std::hash::{Hash, Hasher};
-use std::time::Duration;
-
-/// How far boxes are widened, in radii of the scene.
-const MARGIN: f64 = 1e-5;
 
 /// The tasks of a scene and their hierarchy.
+#[derive(Debug)]
 pub(crate) struct Candidates {
     pub(crate) tasks: Vec<Task>,
-    centre: DVec3,
-    radius: f64,
-    bvh: Bvh2,
-}
-
-impl std::fmt::Debug for Candidates {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Candidates")
-            .field("tasks", &self.tasks.len())
-            .finish_non_exhaustive()
-    }
+    tree: Tree,
 }
 
 /// The box about an element's control points.
@@ -56,6 +40,7 @@ impl Candidates {
                 element: element as u32,
                 surface,
                 target,
+                boxed: exact_box(&patches.elements[element]).is_some(),
             };
             match s.kind {
                 SurfaceKind::Isovalue(c) => tasks.extend(patches.elements.iter().enumerate().filter_map(|(i, e)| {
@@ -73,65 +58,21 @@ impl Candidates {
             }
         }
         let boxes: Vec<_> = tasks.iter().map(|t| bounds(&patches.elements[t.element as usize])).collect();
-        let (lo, hi) = boxes.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), (lo, hi)| {
-            (a.min(*lo), b.max(*hi))
-        });
-        let (centre, radius) = if boxes.is_empty() {
-            (DVec3::ZERO, 1.0)
-        } else {
-            // Halved first: the sum may overflow.
-            (lo * 0.5 + hi * 0.5, (hi * 0.5 - lo * 0.5).length().max(f64::MIN_POSITIVE))
-        };
-        let unit = |p: DVec3| ((p - centre) / radius).as_vec3a();
-        let margin = Vec3A::splat(MARGIN as f32);
-        let boxes: Vec<Aabb> = boxes
-            .iter()
-            .map(|(lo, hi)| Aabb::new(unit(*lo) - margin, unit(*hi) + margin))
-            .collect();
-        let bvh = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
         Self {
+            tree: Tree::new(&boxes),
             tasks,
-            centre,
-            radius,
-            bvh,
         }
     }
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        self.tasks.len() * size_of::<Task>() + size_of_val(&self.bvh.nodes[..]) + self.bvh.primitive_indices.len() * 4
+        self.tasks.len() * size_of::<Task>() + self.tree.bytes()
     }
 
     /// Calls `visit` for every task whose box the rays of the frustum may meet.
     #[inline(always)]
     pub(crate) fn visit(&self, f: &Frustum, stack: &mut Vec<u32>, mut visit: impl FnMut(&Task)) {
-        if self.tasks.is_empty() {
-            return;
-        }
-        let away = (f.eye - self.centre).length() / self.radius;
-        let planes = f.planes().map(|(n, d)| {
-            let size = n.length();
-            let n = n / size;
-            (n, (d / size - n.dot(self.centre)) / self.radius - 1e-12 * (away + 1.0))
-        });
-        stack.clear();
-        stack.push(0);
-        while let Some(i) = stack.pop() {
-            let node = &self.bvh.nodes[i as usize];
-            let (lo, hi) = (node.aabb.min.as_dvec3(), node.aabb.max.as_dvec3());
-            let outside = planes.iter().any(|&(n, d)| (n * lo).max(n * hi).element_sum() < d);
-            if outside {
-                continue;
-            }
-            if node.prim_count == 0 {
-                stack.push(node.first_index + 1);
-                stack.push(node.first_index);
-                continue;
-            }
-            for p in node.first_index..node.first_index + node.prim_count {
-                visit(&self.tasks[self.bvh.primitive_indices[p as usize] as usize]);
-            }
-        }
+        self.tree.visit(f, stack, |i| visit(&self.tasks[i]));
     }
 }
 

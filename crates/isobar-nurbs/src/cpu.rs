@@ -1,17 +1,18 @@
 //! `nurbs/cpu` and `nurbs/cpu-paper` as methods.
 
 use crate::candidates::Candidates;
-use crate::frustum::Frustum;
+use crate::grid::{Bricks, Cells};
 use crate::paper::{self, Bounds};
 use crate::paper_cpu::{DrawPaper, epsilon};
-use crate::solve::{Found, Solver, Work};
+use crate::solve::{Solver, Work};
+use crate::tile::{DrawTile, Index};
 use isobar_core::{
-    Channels, Claim, Counters, Data, DataKind, Frame, Function, HexPatches, Hit, KnobKind, KnobSpec, Knobs, Memory, Method,
-    MethodInfo, RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Sampling, Scene, Stage, Stop, Surface, SurfaceKind,
-    TransferFunction, Unsupported, View,
+    Counters, Data, DataKind, Frame, Function, HexPatches, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
+    RenderTime, Renderer, Request, ResolvedKnobs, Sampling, Scene, Stage, Stop, Surface, SurfaceKind, TransferFunction,
+    Unsupported, View,
 };
 use isobar_cpu::scene::{check_medium, check_open_cuts, check_request};
-use isobar_cpu::{Kernel, Level, PixelSink, Pool, Tile, TileOut, copy_frame, render_tiles};
+use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
 use isobar_fields::{HexField, Kind, algebraic_to_hexes, spline_to_hexes};
 use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -79,7 +80,7 @@ pub struct NurbsCpu {
 }
 
 /// The method `nurbs/cpu`: all hits of isosurfaces, parametric surfaces and the boundary on rational Bezier elements; grids and polynomials are turned
-/// into such elements first. Open clipping planes. Pixel centres, and with `Sampling::PixelFrustum` the claim COVERED where the surface certainly passes through the
+/// into such elements first, grids of which only isosurfaces are sought are drawn cell by cell instead (`grid.rs`). Open clipping planes. Pixel centres, and with `Sampling::PixelFrustum` the claim COVERED where the surface certainly passes through the
 /// pixel's square beside its centre.
 ///
 /// Guarantee with `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none before it, with EMPTY none at all; derived in `solve.rs`. A pixel
@@ -105,7 +106,7 @@ impl Method for NurbsCpu {
     fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
         let info = self.own();
         check_kind(info, scene.data)?;
-        check_cells(info, scene.data)?;
+        check_cells(info, scene.data, scene.surfaces)?;
         check_surfaces(info, scene.surfaces)?;
         check_medium(info, scene.medium)?;
         check_open_cuts(info, scene.view)?;
@@ -123,10 +124,11 @@ impl Method for NurbsCpu {
             settings,
             request: request.clone(),
             source: None,
+            bricks: None,
             patches: None,
             surfaces: None,
             view: None,
-            candidates: None,
+            index: None,
             frame: None,
             solvers: Mutex::default(),
             work: Work::default(),
@@ -162,17 +164,28 @@ pub(crate) fn check_kind(info: &'static MethodInfo, data: &Data) -> Result<(), U
     })
 }
 
-/// Grids become elements, which there may not be too many of.
-fn check_cells(info: &MethodInfo, data: &Data) -> Result<(), Unsupported> {
+/// Whether a grid is drawn cell by cell, without elements: where only isosurfaces are sought, and not in the form as printed.
+fn by_cells(info: &MethodInfo, surfaces: &[Surface]) -> bool {
+    info.id == INFO.id && surfaces.iter().all(|s| s.value().is_some())
+}
+
+/// Other grids become elements, which there may not be too many of.
+fn check_cells(info: &MethodInfo, data: &Data, surfaces: &[Surface]) -> Result<(), Unsupported> {
     const MOST: usize = 1 << 22;
     match data {
+        Data::Grid(_) if by_cells(info, surfaces) => Ok(()),
         Data::Grid(g)
             if g.dims
                 .iter()
                 .try_fold(1usize, |n, &d| n.checked_mul(d))
                 .is_none_or(|n| n > MOST) =>
         {
-            Err(feature(info, format!("grids of more than {MOST} samples; crop it")))
+            let what = if info.id == INFO.id {
+                "parametric and boundary surfaces of grids"
+            } else {
+                "grids"
+            };
+            Err(feature(info, format!("{what} of more than {MOST} samples; crop it")))
         }
         _ => Ok(()),
     }
@@ -253,12 +266,14 @@ struct Nurbs {
     level: Level,
     settings: Settings,
     request: Request,
-    /// Kept to be turned into elements again.
     source: Option<Arc<Data>>,
+    /// Of a grid that is drawn cell by cell.
+    bricks: Option<Bricks>,
+    /// Of everything else.
     patches: Option<HexPatches>,
     surfaces: Option<Vec<Surface>>,
     view: Option<View>,
-    candidates: Option<Candidates>,
+    index: Option<Index>,
     frame: Option<Frame>,
     /// One per thread that has drawn a tile.
     solvers: Mutex<Vec<Solver>>,
@@ -267,27 +282,54 @@ struct Nurbs {
 }
 
 impl Nurbs {
-    fn prepare(&mut self) {
-        self.candidates = None;
-        if let (Some(p), Some(s)) = (&self.patches, &self.surfaces) {
-            self.candidates = Some(Candidates::new(p, s));
+    /// Whether the data are drawn cell by cell (a grid of which no other surfaces are known to be sought).
+    fn by_cells(&self) -> bool {
+        matches!(self.source.as_deref(), Some(Data::Grid(_))) && by_cells(self.info, self.surfaces.as_deref().unwrap_or_default())
+    }
+
+    /// Makes what the data and surfaces known so far ask for, where it is not there.
+    fn prepare(&mut self) -> Result<(), RenderError> {
+        self.index = None;
+        let Some(data) = self.source.clone() else { return Ok(()) };
+        let kind = self.settings.kind;
+        if let (Data::Grid(g), true) = (&*data, self.by_cells()) {
+            self.patches = None;
+            if self.bricks.is_none() {
+                self.bricks = Some(self.pool.install(|| Bricks::new(g, kind))?);
+            }
+        } else {
+            self.bricks = None;
+            if self.patches.is_none() {
+                check_cells(self.info, &data, self.surfaces.as_deref().unwrap_or_default())?;
+                self.patches = Some(self.pool.install(|| elements(self.info, &data, kind))?);
+            }
         }
+        let Some(surfaces) = &self.surfaces else { return Ok(()) };
+        self.index = match (&self.bricks, &self.patches) {
+            (Some(b), _) => Some(Index::Cells(Box::new(self.pool.install(|| Cells::new(b, surfaces))))),
+            (None, Some(p)) => Some(Index::Elements(p.clone(), Candidates::new(p, surfaces))),
+            (None, None) => None,
+        };
+        Ok(())
+    }
+
+    fn forget(&mut self) {
+        (self.index, self.bricks, self.patches) = (None, None, None);
     }
 }
 
 impl Renderer for Nurbs {
     fn set_data(&mut self, data: &Arc<Data>) -> Result<(), RenderError> {
-        self.patches = Some(self.pool.install(|| elements(self.info, data, self.settings.kind))?);
+        check_kind(self.info, data)?;
+        self.forget();
         self.source = Some(Arc::clone(data));
-        self.prepare();
-        Ok(())
+        self.prepare()
     }
 
     fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {
         check_surfaces(self.info, surfaces)?;
         self.surfaces = Some(surfaces.to_vec());
-        self.prepare();
-        Ok(())
+        self.prepare()
     }
 
     fn set_medium(&mut self, medium: Option<&TransferFunction>) -> Result<(), RenderError> {
@@ -303,22 +345,20 @@ impl Renderer for Nurbs {
 
     fn set_knobs(&mut self, knobs: &Knobs) -> Result<(), RenderError> {
         let settings = Settings::new(self.info, knobs)?;
-        if settings.kind != self.settings.kind
-            && let Some(data) = &self.source
-            && matches!(**data, Data::Grid(_))
-        {
-            self.patches = Some(self.pool.install(|| elements(self.info, data, settings.kind))?);
-            self.prepare();
-        }
+        let other = settings.kind != self.settings.kind && matches!(self.source.as_deref(), Some(Data::Grid(_)));
         self.settings = settings;
+        if other {
+            self.forget();
+            self.prepare()?;
+        }
         Ok(())
     }
 
     fn render(&mut self, stop: &Stop) -> Result<RenderTime, RenderError> {
-        let patches = self.patches.as_ref().ok_or(RenderError::NotReady("set_data"))?;
+        self.source.as_ref().ok_or(RenderError::NotReady("set_data"))?;
         let surfaces = self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
         let view = self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?;
-        let candidates = self.candidates.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
+        let index = self.index.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
         let start = Instant::now();
         let total = SharedWork::default();
         let paper_total = Mutex::new(paper::Work::default());
@@ -327,7 +367,7 @@ impl Renderer for Nurbs {
         let solvers = &self.solvers;
         let take = || solvers.lock().map_or_else(|_| None, |mut s| s.pop());
         let result = render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
-            if let Some(bounds) = self.settings.paper {
+            if let (Some(bounds), Index::Elements(patches, candidates)) = (self.settings.paper, index) {
                 let work = self.level.run(DrawPaper {
                     patches,
                     candidates,
@@ -346,8 +386,7 @@ impl Renderer for Nurbs {
             let mut solver = take().unwrap_or_default();
             solver.work = Work::default();
             let draw = DrawTile {
-                patches,
-                candidates,
+                index,
                 view,
                 surfaces,
                 claims: self.settings.claims,
@@ -381,6 +420,9 @@ impl Renderer for Nurbs {
     }
 
     fn reconstruction(&self, _stage: Stage) -> Option<Arc<dyn Function>> {
+        if let Some(b) = &self.bricks {
+            return Some(Arc::new(b.spline.clone()));
+        }
         Some(Arc::new(HexField::new(self.patches.as_ref()?).ok()?))
     }
 
@@ -396,8 +438,12 @@ impl Renderer for Nurbs {
         };
         let scratch = self.solvers.lock().map_or(0, |s| s.iter().map(Solver::bytes).sum());
         Memory {
-            coefficients: own as u64,
-            index: self.candidates.as_ref().map_or(0, Candidates::bytes) as u64,
+            coefficients: (own + self.bricks.as_ref().map_or(0, Bricks::bytes)) as u64,
+            index: match &self.index {
+                Some(Index::Elements(_, c)) => c.bytes() as u64,
+                Some(Index::Cells(c)) => c.bytes() as u64,
+                None => 0,
+            },
             view: scratch as u64,
             device: 0,
         }
@@ -422,6 +468,7 @@ impl Renderer for Nurbs {
             ("pieces", w.pieces),
             ("subdivisions", w.halvings),
             ("newton steps", w.newton),
+            ("polynomials", w.polynomials),
             ("undecided pieces", w.limits),
             ("hits", w.hits),
             ("longest list", w.deepest),
@@ -431,162 +478,29 @@ impl Renderer for Nurbs {
 
 /// Work of all tiles.
 #[derive(Debug, Default)]
-struct SharedWork([AtomicU64; 7]);
+struct SharedWork([AtomicU64; 8]);
 
 impl SharedWork {
     fn add(&self, w: Work) {
-        let all = [w.tasks, w.pieces, w.halvings, w.newton, w.limits, w.hits];
+        let all = [w.tasks, w.pieces, w.halvings, w.newton, w.polynomials, w.limits, w.hits];
         for (total, n) in self.0.iter().zip(all) {
             total.fetch_add(n, Ordering::Relaxed);
         }
-        self.0[6].fetch_max(w.deepest, Ordering::Relaxed);
+        self.0[7].fetch_max(w.deepest, Ordering::Relaxed);
     }
 
     fn get(&self) -> Work {
-        let [tasks, pieces, halvings, newton, limits, hits, deepest] = std::array::from_fn(|i| self.0[i].load(Ordering::Relaxed));
+        let [tasks, pieces, halvings, newton, polynomials, limits, hits, deepest] =
+            std::array::from_fn(|i| self.0[i].load(Ordering::Relaxed));
         Work {
             tasks,
             pieces,
             halvings,
             newton,
+            polynomials,
             limits,
             hits,
             deepest,
         }
     }
-}
-
-/// One tile as a kernel.
-struct DrawTile<'a, 'b> {
-    patches: &'a HexPatches,
-    candidates: &'a Candidates,
-    view: &'a View,
-    surfaces: &'a [Surface],
-    claims: bool,
-    /// Whether pixels that the centre ray misses are searched as frusta.
-    frusta: bool,
-    tile: Tile,
-    out: &'a mut TileOut<'b>,
-    solver: &'a mut Solver,
-}
-
-impl Kernel for DrawTile<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self {
-            patches,
-            candidates,
-            view,
-            surfaces,
-            claims,
-            frusta,
-            tile,
-            out,
-            solver,
-        } = self;
-        let heat = out.holds(Channels::WORK);
-        let mut nodes = Vec::new();
-        for (frustum, (x0, y0)) in Frustum::of_tile(view, tile) {
-            solver.begin(frustum.rays.len(), heat);
-            candidates.visit(&frustum, &mut nodes, |task| {
-                solver.solve(&frustum, &patches.elements[task.element as usize], task);
-            });
-            solver
-                .found
-                .sort_unstable_by(|a, b| a.pixel.cmp(&b.pixel).then(a.t.total_cmp(&b.t)));
-            let mut covered = Vec::new();
-            if frusta && frustum.half > 0.0 {
-                let mut settled = vec![false; frustum.rays.len()];
-                solver.found.iter().for_each(|f| settled[usize::from(f.pixel)] = true);
-                covered = vec![false; settled.len()];
-                let wide = frustum.widened();
-                candidates.visit(&wide, &mut nodes, |task| {
-                    let element = &patches.elements[task.element as usize];
-                    solver.cover(&wide, element, task, &mut settled, &mut covered);
-                });
-            }
-            let mut rest: &[Found] = &solver.found;
-            let mut hits = 0;
-            for (i, ray) in frustum.rays.iter().enumerate() {
-                let n = rest.iter().take_while(|f| usize::from(f.pixel) == i).count();
-                let (own, more) = rest.split_at(n);
-                rest = more;
-                let (x, y) = (x0 + i % frustum.width, y0 + i / frustum.width);
-                let mut sink = PixelSink::new(out, x, y, &ray.ray, surfaces);
-                let mut claim = pixel(view, ray.ray, own, solver.undecided[i], claims, &mut sink);
-                if covered.get(i) == Some(&true) {
-                    claim |= Claim::COVERED;
-                }
-                hits += u64::from(sink.hits());
-                sink.finish(claim, solver.seen.as_ref().map_or(0, |s| s[i]));
-            }
-            solver.work.hits += hits;
-        }
-    }
-}
-
-/// The roots of one pixel, by t, as hits: those of one surface whose enclosures overlap are one. What may be claimed.
-#[inline(always)]
-pub(crate) fn pixel(
-    view: &View,
-    ray: isobar_core::Ray,
-    found: &[Found],
-    undecided: bool,
-    claims: bool,
-    sink: &mut PixelSink<'_, '_>,
-) -> Claim {
-    let clipped = !view.clips.is_empty();
-    let Some((first, last)) = view.kept(&ray) else {
-        return Claim::empty();
-    };
-    let mut claim = Claim::empty();
-    // Whether all roots so far are proved, and none may lie on either side of an end.
-    let mut sure = !undecided;
-    let mut wanted = true;
-    let mut i = 0;
-    while i < found.len() && wanted {
-        let (mut best, mut j) = (found[i], i + 1);
-        let (mut lo, mut hi) = (best.t - best.error, best.t + best.error);
-        // Roots are by t, not by the ends of their enclosures; other surfaces may stand between.
-        while let Some(next) = found.get(j).filter(|n| n.surface == best.surface && n.t - n.error <= hi) {
-            (lo, hi) = (lo.min(next.t - next.error), hi.max(next.t + next.error));
-            if !best.certain && next.certain || best.certain == next.certain && next.error < best.error {
-                best = *next;
-            }
-            j += 1;
-        }
-        i = j;
-        best.error = (best.t - lo).max(hi - best.t).max(best.error);
-        if hi < 0.0 || !best.t.is_finite() {
-            continue;
-        }
-        sure &= best.certain && lo >= 0.0;
-        if best.t < first || best.t > last {
-            continue;
-        }
-        let provable = claims && best.certain && (!clipped || lo >= first && hi <= last);
-        if sink.hits() == 0 && provable {
-            claim = if sure && !clipped {
-                Claim::EXISTS | Claim::FIRST
-            } else {
-                Claim::EXISTS
-            };
-        }
-        wanted = sink.push(&Hit {
-            t: best.t,
-            point: ray.at(best.t),
-            normal: best.normal.as_vec3().to_array(),
-            surface: best.surface,
-            t_error: if provable { best.error } else { f64::INFINITY },
-        });
-    }
-    if claims && sink.hits() == 0 && sure && !clipped {
-        claim = Claim::EMPTY;
-    }
-    if undecided || sink.hits() > 0 && claim.is_empty() || !sure && claim.is_empty() {
-        claim |= Claim::LIMIT;
-    }
-    claim
 }

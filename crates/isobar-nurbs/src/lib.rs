@@ -5,19 +5,25 @@
 //!
 //! **Architecture invariants.** No other method is imported. Nothing prints.
 
+mod affine;
 mod bernstein;
 mod candidates;
 mod cover;
 mod cpu;
 mod frustum;
+mod grid;
 mod matrix;
 mod model;
 mod paper;
 mod paper_cpu;
 #[cfg(test)]
+mod paper_tests;
+#[cfg(test)]
 mod proofs;
 mod solve;
 #[cfg(test)]
 mod tests;
+mod tile;
+mod tree;
 
 pub use cpu::{NURBS_CPU, NURBS_CPU_PAPER, NurbsCpu};

@@ -8,7 +8,8 @@
 //!
 //! What is taken from the corrections instead of the print, because nothing would be drawn otherwise: pixel centres (12), the weight in gamma (13, 15), signs in the projection
 //! (9). **As printed stays**: Newton stops at epsilon = 1/(2h), a quarter pixel, for alpha and beta and for the attribute alike (14), so hits are only
-//! that near; alternation of signs drops true roots where the surface leaves the domain between two of them; roots that Newton's method misses in a part without a change of
+//! that near, and a ray that passes the edge of the surface within a quarter pixel gets a hit where there is none (9, 20 and 12 of 1,600 pixels with oriented, axis-aligned and principal
+//! boxes in `paper_tests.rs`; with a tolerance of 1e-8 the same scene has no such pixel, and none is lost in either case); alternation of signs drops true roots where the surface leaves the domain between two of them; roots that Newton's method misses in a part without a change of
 //! sign of delta are found after further subdivision or, at the last level, lost. Nothing is claimed.
 
 use crate::bernstein::{Lanes, Point, bases, halve, jet, range};

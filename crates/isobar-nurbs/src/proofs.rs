@@ -2,14 +2,16 @@
 
 use crate::NURBS_CPU;
 use crate::tests::{annulus, element, hexes, request};
-use isobar_core::{DVec3, Data, Frame, Method, Ray, Stage, Stop, Surface, SurfaceKind, View};
+use isobar_core::{
+    Camera, Claim, DMat3, DVec3, Data, Frame, Grid, Knobs, Method, Ray, Samples, Stage, Stop, Surface, SurfaceKind, View,
+};
 use isobar_oracle::{Check, Truth, check};
 use std::path::Path;
 use std::sync::Arc;
 
 /// Draws a view and checks it.
-pub(crate) fn checked(data: &Arc<Data>, surfaces: &[Surface], view: &View) -> (Check, Frame) {
-    let mut r = NURBS_CPU.open(&request(1)).unwrap();
+pub(crate) fn checked(data: &Arc<Data>, surfaces: &[Surface], view: &View, knobs: Knobs) -> (Check, Frame) {
+    let mut r = NURBS_CPU.open(&isobar_core::Request { knobs, ..request(1) }).unwrap();
     r.set_data(data).unwrap();
     r.set_surfaces(surfaces).unwrap();
     r.set_view(view).unwrap();
@@ -23,7 +25,12 @@ pub(crate) fn checked(data: &Arc<Data>, surfaces: &[Surface], view: &View) -> (C
 
 #[track_caller]
 fn clean(name: &str, data: &Arc<Data>, surfaces: &[Surface], view: &View) -> Check {
-    let (c, frame) = checked(data, surfaces, view);
+    clean_with(name, data, surfaces, view, Knobs::default())
+}
+
+#[track_caller]
+fn clean_with(name: &str, data: &Arc<Data>, surfaces: &[Surface], view: &View, knobs: Knobs) -> Check {
+    let (c, frame) = checked(data, surfaces, view, knobs);
     assert!(
         c.is_clean(),
         "{name}: missed {}, false {}, wrong root {}, wrong surface {}, refuted {} at {:?}",
@@ -125,6 +132,133 @@ fn hard_elements_on_random_rays() {
             check.hits,
             check.unclaimed
         );
+    }
+}
+
+/// A grid of noise, its axes the world's, mirrored, or oblique.
+fn noise(dims: [usize; 3], direction: DMat3) -> Grid {
+    let mut random = Random(11);
+    let samples: Vec<u8> = (0..dims.iter().product()).map(|_| (random.next() * 256.0) as u8).collect();
+    let (spacing, origin) = (DVec3::new(0.7, 1.1, 1.3), DVec3::new(-2.0, 40.0, 3.0));
+    Grid::new(dims, spacing, origin, direction, Samples::U8(samples.into())).unwrap()
+}
+
+#[test]
+fn grids_agree_with_the_oracle_cell_by_cell() {
+    let oblique = DMat3::from_cols(
+        DVec3::new(0.9, 0.3, 0.1).normalize(),
+        DVec3::new(-0.2, 1.0, 0.4).normalize(),
+        DVec3::new(0.1, -0.3, 0.8).normalize(),
+    );
+    let mirrored = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
+    let (mut hits, mut unclaimed) = (0, 0);
+    for (direction, name) in [(DMat3::IDENTITY, "straight"), (mirrored, "mirrored"), (oblique, "oblique")] {
+        let data = Arc::new(Data::Grid(noise([9, 6, 7], direction)));
+        for reconstruction in [
+            "trilinear",
+            "quadratic",
+            "quadratic-interpolating",
+            "cubic",
+            "cubic-interpolating",
+        ] {
+            let knobs = || Knobs::default().with("reconstruction", reconstruction);
+            let surfaces = [Surface::isovalue(127.3, 0), Surface::isovalue(160.0, 1)];
+            for view in [rays(&data, 600, 5), View::fit(data.bounds(), 40.0, 24, 18)] {
+                let c = clean_with(&format!("{name} {reconstruction}"), &data, &surfaces, &view, knobs());
+                hits += c.hits;
+                unclaimed += c.unclaimed.saturating_sub(c.undecidable);
+            }
+        }
+    }
+    assert!(hits > 9000 && unclaimed <= 20, "{hits} hits, {unclaimed} unclaimed");
+}
+
+/// Rays along the planes, edges and lines of samples, at an isovalue that samples have.
+#[test]
+fn rays_along_the_faces_of_cells_lose_nothing() {
+    let mut grid = noise([6, 6, 6], DMat3::IDENTITY);
+    (grid.spacing, grid.origin) = (DVec3::ONE, DVec3::ZERO);
+    let c = grid.sample([2, 3, 3]);
+    let data = Arc::new(Data::Grid(grid));
+    let mut list = Vec::new();
+    for n in 0..36 {
+        let (i, j) = (f64::from(n % 6), f64::from(n / 6));
+        for (o, d) in [
+            (DVec3::new(i, j, -2.0), DVec3::Z),
+            (DVec3::new(i + 0.5, j, -2.0), DVec3::Z),
+            (DVec3::new(-1.0, i, j), DVec3::X),
+            (DVec3::new(i, -1.0, -1.0 + j), DVec3::new(0.0, 1.0, 1.0)),
+        ] {
+            list.push(Ray { origin: o, direction: d });
+        }
+    }
+    for reconstruction in ["trilinear", "quadratic", "cubic"] {
+        let knobs = Knobs::default().with("reconstruction", reconstruction);
+        let c = clean_with(
+            reconstruction,
+            &data,
+            &[Surface::isovalue(c, 0)],
+            &View::rays(list.clone()),
+            knobs,
+        );
+        assert!(c.hits > 80, "{reconstruction}: {}", c.hits);
+    }
+}
+
+/// The same frames as from elements, all hits, from inside too; COVERED as well.
+#[test]
+fn cells_and_elements_agree() {
+    let grid = noise([7, 8, 6], DMat3::IDENTITY);
+    let kind = isobar_fields::Kind::Cubic;
+    let elements = Arc::new(Data::Hexes(isobar_fields::spline_to_hexes(&grid, kind).unwrap()));
+    let data = Arc::new(Data::Grid(grid));
+    let (lo, hi) = data.bounds();
+    let parallel = View {
+        camera: Camera::Orthographic {
+            eye: lo - (hi - lo) * 0.7,
+            target: (lo + hi) * 0.5,
+            up: DVec3::Z,
+            height: (hi - lo).length(),
+        },
+        ..View::bench(30, 20)
+    };
+    let inside = View::perspective(lo + (hi - lo) * 0.4, hi, DVec3::Z, 90.0, 30, 20);
+    for view in [parallel, inside, View::fit((lo, hi), 40.0, 30, 20)] {
+        let draw = |data: &Arc<Data>| {
+            let mut q = request(6);
+            q.knobs.set("reconstruction", "cubic");
+            q.sampling = isobar_core::Sampling::PixelFrustum;
+            let mut r = NURBS_CPU.open(&q).unwrap();
+            r.set_data(data).unwrap();
+            r.set_surfaces(&[Surface {
+                opacity: 0.2,
+                ..Surface::isovalue(127.3, 0)
+            }])
+            .unwrap();
+            r.set_view(&view).unwrap();
+            r.render(&Stop::default()).unwrap();
+            let mut f = Frame::default();
+            r.read(&mut f).unwrap();
+            f
+        };
+        let (a, b) = (draw(&data), draw(&elements));
+        let (mut count, mut limits) = (0, 0);
+        for i in 0..a.hits.len() {
+            if a.claim[i].contains(Claim::LIMIT) || b.claim[i].contains(Claim::LIMIT) {
+                limits += 1;
+                continue;
+            }
+            assert_eq!(a.hits[i], b.hits[i], "pixel {i}");
+            assert_eq!(a.claim[i], b.claim[i], "pixel {i}");
+            for l in 0..usize::from(a.hits[i]).min(6) {
+                let at = l * a.hits.len() + i;
+                assert!((a.t[at] - b.t[at]).abs() < 1e-9, "pixel {i}: {} {}", a.t[at], b.t[at]);
+                let cosine: f32 = (0..3).map(|k| a.normal[at][k] * b.normal[at][k]).sum();
+                assert!(cosine > 0.9999);
+                count += 1;
+            }
+        }
+        assert!(count > 250 && limits <= 4, "{count} hits, {limits} pixels undecided");
     }
 }
 

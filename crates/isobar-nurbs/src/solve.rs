@@ -11,10 +11,13 @@
 //!    finds it, and `|u - root| <= |Y P(u)| / (1 - rho)` encloses it: existence is proved where that ball lies in the slightly widened piece.
 //! 4. Else the piece is halved along the axis whose derivative varies most in E.
 //!
+//! Elements that are boxes with a polynomial attribute go to `affine.rs` instead: there the system is one univariate polynomial along each ray.
+//!
 //! **Roundings.** Every coefficient carries a bound of its error: that of forming it, and one rounding per halving and degree. A test only decides
 //! where the bound allows. A box that reaches the smallest size, or a surface that costs too many pieces, is reported for its pixels as undecided: tangential
 //! contacts end so.
 
+use crate::affine::{LocalRay, exact_box};
 use crate::bernstein::{Lanes, Point, bases, count, halve, jet, range, value_roundings};
 use crate::frustum::{EPS, Frustum, PixelBox};
 use crate::matrix::{inverse, product};
@@ -52,6 +55,8 @@ pub(crate) struct Task {
     pub(crate) element: u32,
     pub(crate) surface: u8,
     pub(crate) target: Target,
+    /// Whether the element is a box with a polynomial attribute (`affine.rs`).
+    pub(crate) boxed: bool,
 }
 
 /// A root.
@@ -75,6 +80,8 @@ pub(crate) struct Work {
     pub(crate) pieces: u64,
     pub(crate) halvings: u64,
     pub(crate) newton: u64,
+    /// Univariate polynomials along rays.
+    pub(crate) polynomials: u64,
     pub(crate) limits: u64,
     pub(crate) hits: u64,
     pub(crate) deepest: u64,
@@ -101,6 +108,8 @@ pub(crate) struct Solver {
     pub(crate) points: Vec<Point>,
     pub(crate) values: Vec<f64>,
     pub(crate) stack: Vec<Piece>,
+    /// The tile's rays in the index space of a grid.
+    pub(crate) rays: Vec<LocalRay>,
     pub(crate) found: Vec<Found>,
     /// Per pixel: whether something was left undecided.
     pub(crate) undecided: Vec<bool>,
@@ -139,12 +148,19 @@ impl Solver {
         self.points.capacity() * 32
             + self.values.capacity() * 8
             + self.stack.capacity() * size_of::<Piece>()
+            + self.rays.capacity() * size_of::<LocalRay>()
             + self.found.capacity() * size_of::<Found>()
     }
 
     /// Finds all roots of a task.
     #[inline(always)]
     pub(crate) fn solve(&mut self, f: &Frustum, element: &HexElement, task: &Task) {
+        if let Target::Isovalue(c) = task.target
+            && task.boxed
+            && let Some(corners) = exact_box(element)
+        {
+            return self.solve_box(f, element, corners, task.surface, c);
+        }
         let Some(k) = self.load(f, element, task) else { return };
         self.work.tasks += 1;
         let mut budget = MOST_PIECES;
@@ -224,7 +240,7 @@ impl Solver {
     }
 
     /// Gives up on the pixels of a piece.
-    fn leave(&mut self, f: &Frustum, b: PixelBox) {
+    pub(crate) fn leave(&mut self, f: &Frustum, b: PixelBox) {
         self.work.limits += 1;
         for y in usize::from(b.y0)..=usize::from(b.y1) {
             for x in usize::from(b.x0)..=usize::from(b.x1) {
