@@ -2,8 +2,8 @@
 //!
 //! M. Steinberger, *Isosurface rendering with spline wavelets and octrees* (thesis, Graz 2010). The casters `octree/cpu` and
 //! `octree/gpu` (feature `gpu`) of degrees 1, 2 and 3 find every root of the spline along a ray, on the CPU with proofs where f64 arithmetic
-//! gives them; [`compose`], [`finders`] and [`wavelet`] are the thesis's parts as studied things. What of the thesis is not here is listed
-//! in the README.
+//! gives them; [`compose`], [`finders`] and [`wavelet`] are the thesis's parts as studied things, [`comparators`] what it compares itself with,
+//! [`blocks`] and [`stages`] its counts and clocks of a frame. What of the thesis is not here is listed in the README.
 //!
 //! ```
 //! use isobar_core::{Data, Frame, Grid, Method, Request, Samples, Stop, Surface, View};
@@ -22,9 +22,11 @@
 //! # }
 //! ```
 
+pub mod blocks;
 mod bricks;
 mod cell;
 mod clip;
+pub mod comparators;
 pub mod compose;
 mod cpu;
 mod cubic;
@@ -39,6 +41,7 @@ mod packet_view;
 #[cfg(test)]
 mod proofs;
 mod smooth;
+pub mod stages;
 #[cfg(test)]
 mod tests;
 mod trilinear;

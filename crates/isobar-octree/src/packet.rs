@@ -185,16 +185,21 @@ pub(crate) fn with_packet<R>(f: impl FnOnce(&mut Packet) -> R) -> R {
     PACKET.with_borrow_mut(|p| f(p))
 }
 
-/// Draws what packets can; gives the rays that are left.
-pub(crate) fn draw<T: Sample>(level: Level, tile: &mut DrawTile<'_, '_, T>, view: &Projection, work: &mut Work) -> RaySet {
-    let place = Place {
+/// The place of a tile of degree 1.
+pub(crate) fn place<'a, T>(tile: &DrawTile<'a, '_, T>) -> Place<'a> {
+    Place {
         space: tile.space,
         view: tile.view,
         tile: tile.tile,
         shift: 0.0,
         margins: 1.0,
         claims: tile.search.claims,
-    };
+    }
+}
+
+/// Draws what packets can; gives the rays that are left.
+pub(crate) fn draw<T: Sample>(level: Level, tile: &mut DrawTile<'_, '_, T>, view: &Projection, work: &mut Work) -> RaySet {
+    let place = place(tile);
     if place.misses(view) {
         place.finish_empty(tile.out, &place.rays(), None);
         return [0; BLOCKS];
@@ -315,6 +320,11 @@ pub(crate) fn ones(mut set: u32) -> impl Iterator<Item = usize> {
 }
 
 impl Packet {
+    /// For a tile whose rays all miss the volume.
+    pub(crate) fn forget(&mut self) {
+        (self.blocks, self.single, self.hit) = (0, [0; BLOCKS], [0; BLOCKS]);
+    }
+
     /// Rays that hit nothing and are not left to be walked alone.
     pub(crate) fn empty(&self, place: &Place<'_>) -> RaySet {
         let mut empty = place.rays();

@@ -51,6 +51,25 @@ impl<T: Sample> DrawTile<'_, '_, T> {
         }
     }
 
+    /// Solves as [`DrawTile::finish`] does, and keeps nothing: for the clocks of `stages.rs`.
+    #[inline(always)]
+    pub(crate) fn roots<S: Lanes>(&self, p: &Packet) {
+        let bound = p.margin * self.search.bounds[0].size;
+        for b in (0..BLOCKS).filter(|&b| p.hit[b] != 0) {
+            let q = [
+                S::load(&p.found.p[0][b]),
+                S::load(&p.found.p[1][b]),
+                S::load(&p.found.p[2][b]),
+                S::load(&p.found.p[3][b]),
+            ];
+            let block = solved(&q, p, b, bound, self.search.claims);
+            let (mut t, mut error) = ([0.0; LANES], [0.0; LANES]);
+            block.t.store(&mut t);
+            block.error.store(&mut error);
+            std::hint::black_box((t, error));
+        }
+    }
+
     /// Unit normals in the world at parameter t of the rays of block b, as components; zero where the gradient vanishes.
     #[inline(always)]
     fn normals<S: Lanes>(&self, p: &Packet, b: usize, t: S) -> [[f64; LANES]; 3] {

@@ -48,10 +48,10 @@ pub(crate) fn draw<T: Sample>(level: Level, tile: DrawTile<'_, '_, T>) -> Work {
 }
 
 /// Draws a tile ray by ray.
-struct SingleRays<'a, 'b, T> {
-    tile: DrawTile<'a, 'b, T>,
+pub(crate) struct SingleRays<'a, 'b, T> {
+    pub(crate) tile: DrawTile<'a, 'b, T>,
     /// Only these.
-    rays: Option<RaySet>,
+    pub(crate) rays: Option<RaySet>,
 }
 
 impl<T: Sample> Kernel for SingleRays<'_, '_, T> {

@@ -10,12 +10,14 @@ mod bricks;
 mod caster;
 mod lattice;
 mod packet;
+mod packet_clocked;
 mod roots;
 #[cfg(test)]
 mod tests;
 mod vector;
 
 use crate::packet::RaySet;
+use crate::stages::Laps;
 use crate::trilinear::MARGIN;
 use crate::walk::Bounds;
 use basis::{Cubic, Quadratic, Spline, Table};
@@ -29,6 +31,7 @@ use isobar_fields::{Coefficients, GridSpline, Kind};
 use lattice::{Coefficient, Lattice, Space, Values};
 use std::marker::PhantomData;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Bricks of any coefficient type.
 #[derive(Debug)]
@@ -161,8 +164,8 @@ impl Smooth {
         (self.spline.own_bytes(), typed!(self.bricks, b => b.bytes()))
     }
 
-    /// Draws a tile.
-    pub(crate) fn draw(&self, prepared: &Prepared, job: Job<'_, '_>) -> Work {
+    /// What all tiles look at.
+    fn search<'a>(&'a self, prepared: &'a Prepared, level: Level, claims: bool) -> Search<'a> {
         let values = match self.spline.coefficients() {
             Coefficients::Samples(Samples::U8(c)) => Values::U8(c),
             Coefficients::Samples(Samples::I16(c)) => Values::I16(c),
@@ -171,7 +174,7 @@ impl Smooth {
             Coefficients::F32(c) => Values::F32(c),
             Coefficients::F64(_) => unreachable!("the coefficients of Stage::Stored are f32"),
         };
-        let search = Search {
+        Search {
             lattice: Lattice {
                 values,
                 dims: self.spline.grid().dims,
@@ -182,14 +185,29 @@ impl Smooth {
             bounds: &prepared.bounds,
             single: &self.single,
             double: &self.double,
-            claims: job.claims,
+            claims,
             // Vectors are those of this level: it has to be one the machine has.
-            level: Level::best(job.level),
-        };
+            level: Level::best(level),
+        }
+    }
+
+    /// Draws a tile.
+    pub(crate) fn draw(&self, prepared: &Prepared, job: Job<'_, '_>) -> Work {
+        let search = self.search(prepared, job.level, job.claims);
         if self.kind().basis().degree == 3 {
             draw::<Cubic>(&search, job)
         } else {
             draw::<Quadratic>(&search, job)
+        }
+    }
+
+    /// Draws a tile with its stages clocked.
+    pub(crate) fn draw_clocked(&self, prepared: &Prepared, job: Job<'_, '_>, laps: &mut Laps) {
+        let search = self.search(prepared, job.level, job.claims);
+        if self.kind().basis().degree == 3 {
+            draw_clocked::<Cubic>(&search, job, laps);
+        } else {
+            draw_clocked::<Quadratic>(&search, job, laps);
         }
     }
 }
@@ -209,6 +227,16 @@ fn draw<S: Spline>(search: &Search<'_>, mut job: Job<'_, '_>) -> Work {
         filtered: work.filtered + alone.filtered,
         composed: work.composed + alone.composed,
     }
+}
+
+/// As [`draw`], with clocks.
+fn draw_clocked<S: Spline>(search: &Search<'_>, mut job: Job<'_, '_>, laps: &mut Laps) {
+    let rays = packet_clocked::draw::<S>(search, &mut job, laps);
+    let clock = Instant::now();
+    if rays.is_none_or(|r| r.iter().any(|&b| b != 0)) {
+        alone::<S>(search, job, rays);
+    }
+    laps.alone += clock.elapsed();
 }
 
 /// Draws a tile, or only the given rays of it, ray by ray.

@@ -30,21 +30,25 @@ use std::marker::PhantomData;
 /// Margins of a ray in those of degree 1: 12E instead of 6E.
 const MARGINS: f64 = 2.0;
 
-/// Draws what packets can; gives the rays that are left, or `None` where packets do not apply.
-pub(super) fn draw<S: Spline>(search: &Search<'_>, job: &mut Job<'_, '_>, work: &mut Work) -> Option<RaySet> {
-    if !packet::applies(job.tile, job.surfaces, job.out) {
-        return None;
-    }
-    let space = search.space.of_degree_1();
-    let view = Projection::new(job.view, space)?;
-    let place = Place {
-        space,
+/// The place of a tile of these degrees.
+pub(super) fn place<'a, S: Spline>(search: &Search<'a>, job: &Job<'a, '_>) -> Place<'a> {
+    Place {
+        space: search.space.of_degree_1(),
         view: job.view,
         tile: job.tile,
         shift: if S::CENTRED { 0.5 } else { 0.0 },
         margins: MARGINS,
         claims: job.claims,
-    };
+    }
+}
+
+/// Draws what packets can; gives the rays that are left, or `None` where packets do not apply.
+pub(super) fn draw<S: Spline>(search: &Search<'_>, job: &mut Job<'_, '_>, work: &mut Work) -> Option<RaySet> {
+    if !packet::applies(job.tile, job.surfaces, job.out) {
+        return None;
+    }
+    let view = Projection::new(job.view, search.space.of_degree_1())?;
+    let place = place::<S>(search, job);
     if place.misses(&view) {
         place.finish_empty(job.out, &place.rays(), None);
         return Some([0; BLOCKS]);
@@ -83,29 +87,35 @@ fn avx2<S: Spline>(tile: &Tile<'_, S>, p: &mut Packet, job: &mut Job<'_, '_>, wo
 }
 
 /// One tile and what it looks at.
-struct Tile<'a, S> {
-    search: &'a Search<'a>,
-    place: &'a Place<'a>,
-    view: &'a Projection,
-    kind: PhantomData<S>,
+pub(super) struct Tile<'a, S> {
+    pub(super) search: &'a Search<'a>,
+    pub(super) place: &'a Place<'a>,
+    pub(super) view: &'a Projection,
+    pub(super) kind: PhantomData<S>,
 }
 
-impl<S: Spline> Tile<'_, S> {
+impl<'a, S: Spline> Tile<'a, S> {
+    /// The cells for a packet that has been started; `count`: whether those on each ray are to be counted.
     #[inline(always)]
-    fn draw<L: Lanes, I: Isa>(&self, p: &mut Packet, job: &mut Job<'_, '_>, work: &mut Work) -> RaySet {
-        let count = job.out.holds(Channels::WORK);
-        let Some(frustum) = p.start::<L>(self.place, count) else {
-            return self.place.rays();
-        };
+    pub(super) fn cells<I: Isa>(&self, p: &Packet, count: bool) -> SmoothCells<'a, S, I> {
         let bound = &self.search.bounds[0];
-        let mut cells = SmoothCells::<S, I> {
+        SmoothCells {
             search: self.search,
             isovalue: bound.isovalue,
             bound: scale::<S>() * bound.size * (p.margin + ROUNDING * 0.5 * f64::EPSILON),
             count,
             composed: 0,
             kind: PhantomData,
+        }
+    }
+
+    #[inline(always)]
+    fn draw<L: Lanes, I: Isa>(&self, p: &mut Packet, job: &mut Job<'_, '_>, work: &mut Work) -> RaySet {
+        let count = job.out.holds(Channels::WORK);
+        let Some(frustum) = p.start::<L>(self.place, count) else {
+            return self.place.rays();
         };
+        let mut cells = self.cells::<I>(p, count);
         if p.blocks != 0 {
             let mut crossed = walk::Work::default();
             Crossing::new(p, self.place, self.view).cross::<L, _>(&mut cells, p, &frustum, &mut crossed);
@@ -122,7 +132,7 @@ impl<S: Spline> Tile<'_, S> {
 
     /// Writes the pixels that hit something; what cannot be proved is left to single rays.
     #[inline(always)]
-    fn finish<L: Lanes>(&self, p: &mut Packet, bound: f64, job: &mut Job<'_, '_>) {
+    pub(super) fn finish<L: Lanes>(&self, p: &mut Packet, bound: f64, job: &mut Job<'_, '_>) {
         for b in 0..BLOCKS {
             if p.hit[b] == 0 {
                 continue;
@@ -168,7 +178,7 @@ impl<S: Spline> Tile<'_, S> {
 /// The roots of block b: t, and the distance within which signs beyond the bound differ; infinite where they do not.
 #[expect(clippy::needless_range_loop, reason = "coefficients by their degree, unrolled")]
 #[inline(always)]
-fn solved<S: Spline, L: Lanes>(p: &Packet, b: usize, bound: f64) -> ([f64; LANES], [f64; LANES]) {
+pub(super) fn solved<S: Spline, L: Lanes>(p: &Packet, b: usize, bound: f64) -> ([f64; LANES], [f64; LANES]) {
     let n = 3 * S::DEGREE;
     let (zero, one, half, two) = (L::splat(0.0), L::splat(1.0), L::splat(0.5), L::splat(2.0));
     let mut c = [zero; COEFFICIENTS];
@@ -254,11 +264,11 @@ fn value_and_slope<S: Spline, L: Lanes>(c: &[L; COEFFICIENTS], v: L) -> (L, L) {
 }
 
 /// The cells of a quadratic or cubic volume, for one tile.
-struct SmoothCells<'a, S, I> {
+pub(super) struct SmoothCells<'a, S, I> {
     search: &'a Search<'a>,
     isovalue: f64,
     /// What a coefficient may be off by, in the scale of `along.rs`.
-    bound: f64,
+    pub(super) bound: f64,
     count: bool,
     composed: u64,
     kind: PhantomData<(S, I)>,
