@@ -6,7 +6,7 @@
 //! `tolerance` times the range of the values, and, where the field turns within the cell, below a quarter of the narrowest feature of the transfer function there.
 //!
 //! **Claims.** With no medium to be seen, EXISTS, FIRST and EMPTY are what `crossings.rs` proves, given the bound of `volume.rs`: (steep E + rounding + steep L) M, with E the error of
-//! a position, L how far the ray travels between the domain shrunk and grown by E (`space.rs`), M the range of the coefficients. Cells are passed by only where their range
+//! a position, L how far the ray travels between the domain shrunk and grown by E, clipping planes by their own error (`space.rs`, `clip.rs`), M the range of the coefficients. Cells are passed by only where their range
 //! stays [`MARGIN`] M away from every value, which is more than the bound, so that there no value is met; a stretch of the ray within E of a face and given to the
 //! wrong one of two cells is covered, because both fields agree on the face and leave it by at most steep M E. Rays whose bound exceeds [`MARGIN`] (eyes more than some 10^8
 //! voxels away) claim nothing.
@@ -18,7 +18,7 @@ use crate::sink::Sink;
 use crate::space::{Dda, Entry, Walk, three};
 use crate::volume::{Form, MOST, Volume};
 use glam::DVec3;
-use isobar_core::{Claim, Hit, Ray};
+use isobar_core::{Claim, ClipPlane, Hit, Ray};
 use isobar_poly::bernstein;
 
 /// Cells are looked at where they come within this much of M to a value.
@@ -29,6 +29,8 @@ pub(crate) const MARGIN: f64 = 1e-6;
 pub(crate) struct Exact<'a> {
     pub(crate) volume: &'a Volume,
     pub(crate) visible: &'a Visible,
+    /// Open cuts.
+    pub(crate) clips: &'a [ClipPlane],
     /// Values to find, ascending, and the surface of each.
     pub(crate) values: &'a [f64],
     pub(crate) index: &'a [u8],
@@ -88,7 +90,7 @@ impl<'a> Exact<'a> {
         }
         let error = scratch.error;
         let prove = self.claims && self.medium.is_none();
-        let walk = match Walk::enter(ray, &self.volume.space, prove.then_some(error)) {
+        let walk = match Walk::enter(ray, &self.volume.space, self.clips, prove.then_some(error)) {
             Entry::Through(walk) => walk,
             Entry::Misses { certain } => {
                 return sink.finish(if certain { Claim::EMPTY } else { Claim::empty() });
@@ -113,6 +115,8 @@ impl<'a> Exact<'a> {
             bound: bound * self.size,
             short: 1e-2 / walk.speed(),
             end: f64::NEG_INFINITY,
+            tail: Tail::NOWHERE,
+            length: ray.direction.length(),
             sink: &mut sink,
             scratch,
             prove,
@@ -130,6 +134,26 @@ impl<'a> Exact<'a> {
     }
 }
 
+/// Where the last medium ended: what the next cell begins with if it begins there.
+#[derive(Clone, Copy)]
+struct Tail {
+    t: f64,
+    /// The field and its sums.
+    value: f64,
+    sums: Sums,
+}
+
+impl Tail {
+    const NOWHERE: Self = Self {
+        t: f64::NEG_INFINITY,
+        value: 0.0,
+        sums: Sums {
+            depth: 0.0,
+            colour: [0.0; 3],
+        },
+    };
+}
+
 /// A ray on its way.
 struct Way<'r, 's, 'a, 'p, 'q, F> {
     shared: &'r Exact<'a>,
@@ -141,6 +165,9 @@ struct Way<'r, 's, 'a, 'p, 'q, F> {
     short: f64,
     /// Where the last cell ended.
     end: f64,
+    tail: Tail,
+    /// World length of the direction.
+    length: f64,
     sink: &'s mut Sink<'p, 'q>,
     scratch: &'s mut Scratch,
     /// Crossings are to be proved.
@@ -233,6 +260,38 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
         }
     }
 
+    /// Square of the chords that a cell needs, times the distance from the field that is allowed; and that.
+    #[inline(always)]
+    fn bend(&self, medium: &Medium, p: &[f64]) -> (f64, f64) {
+        // |p''| is at most n (n - 1) times the greatest second difference, and a chord of width h leaves p by at most h^2 |p''| / 8.
+        let n = F::COUNT - 1;
+        let mut before = p[1] - p[0];
+        let (mut bend, mut falls, mut rises) = (0.0f64, before < 0.0, before > 0.0);
+        for i in 1..n {
+            let d = p[i + 1] - p[i];
+            bend = later((d - before).abs(), bend);
+            falls |= d < 0.0;
+            rises |= d > 0.0;
+            before = d;
+        }
+        let squared = 0.125 * (n * (n - 1)) as f64 * bend;
+        let allowed = self.shared.tolerance;
+        // Where the field turns, a chord may pass by a feature narrower than its distance from the field.
+        if falls && rises && medium.narrowest() < 4.0 * allowed {
+            let (mut least, mut most) = (p[0], p[0]);
+            for &x in &p[1..] {
+                least = least.min(x);
+                most = most.max(x);
+            }
+            let reference = self.shared.reference;
+            return (
+                squared,
+                allowed.min(0.25 * medium.finest(least + reference, most + reference)),
+            );
+        }
+        (squared, allowed)
+    }
+
     /// Hands on what was found, in order. Returns whether to go on.
     #[inline(always)]
     fn push_all(&mut self) -> bool {
@@ -284,49 +343,71 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
 
     /// The medium of a cell between the crossings found in it.
     #[inline(always)]
-    fn through(&mut self, medium: &Medium, p: &[f64], least: f64, most: f64, s: Stretch) -> bool {
+    fn through(&mut self, medium: &Medium, p: &[f64], least: f64, highest: f64, s: Stretch) -> bool {
         let shared = self.shared;
-        if !medium.support().meets(least + shared.reference, most + shared.reference) {
+        if !medium.support().meets(least + shared.reference, highest + shared.reference) {
             return self.push_all();
         }
-        // |p''| is at most n (n - 1) times the greatest second difference, and a chord of width h leaves p by at most h^2 |p''| / 8.
         let n = F::COUNT - 1;
-        let bend = p.windows(3).fold(0.0f64, |m, w| m.max((w[0] - 2.0 * w[1] + w[2]).abs()));
-        // Where the field turns, a chord may pass by a feature narrower than its distance from the field.
-        let turns = p.windows(2).any(|w| w[1] > w[0]) && p.windows(2).any(|w| w[1] < w[0]);
-        let tolerance = if turns {
-            let finest = medium.finest(least + shared.reference, most + shared.reference);
-            shared.tolerance.min(0.25 * finest)
+        let (squared, tolerance) = self.bend(medium, p);
+        let length = (s.t1 - s.t0) * self.length;
+        // Both cells at a face have the same field there: what was worked out before it holds after it.
+        let (value, sums) = if self.tail.t == s.t0 {
+            (self.tail.value, self.tail.sums)
         } else {
-            shared.tolerance
+            let value = p[0] + shared.reference;
+            (value, medium.sums(value))
         };
-        let chords = (0.125 * (n * (n - 1)) as f64 * bend / tolerance)
-            .sqrt()
-            .ceil()
-            .clamp(1.0, 64.0);
+        let last = p[n] + shared.reference;
+        let (value, sums) = if squared <= tolerance && self.scratch.found.is_empty() {
+            let after = medium.sums(last);
+            self.layer(medium, [value, last], [&sums, &after], length);
+            (last, after)
+        } else {
+            match self.bent(medium, p, (value, sums), (squared / tolerance).sqrt(), s, length) {
+                Some(end) => end,
+                None => return false,
+            }
+        };
+        self.tail = Tail { t: s.t1, value, sums };
+        self.sink.wants_more(!shared.values.is_empty())
+    }
+
+    /// A cell with crossings or more than one chord. Returns the field and its sums at the end; `None` ends the ray.
+    #[inline(always)]
+    fn bent(
+        &mut self,
+        medium: &Medium,
+        p: &[f64],
+        (value, sums): (f64, Sums),
+        chords: f64,
+        s: Stretch,
+        length: f64,
+    ) -> Option<(f64, Sums)> {
+        let shared = self.shared;
+        let chords = chords.ceil().clamp(1.0, 64.0);
         let mut power = [0.0; MOST];
         let power = &mut power[..F::COUNT];
         power.copy_from_slice(p);
         bernstein::to_power(power);
         power[0] += shared.reference;
-        let length = (s.t1 - s.t0) * self.ray.direction.length();
-        let mut here = (0.0, power[0], medium.sums(power[0]));
+        let mut here = (0.0, value, sums);
         for i in 0..=self.scratch.found.len() {
             let (x, value) = match self.scratch.found.get(i) {
                 Some(c) => {
                     let x = ((c.t - s.t0) / (s.t1 - s.t0)).clamp(here.0, 1.0);
                     (x, shared.values[c.value])
                 }
-                None => (1.0, horner(power, 1.0)),
+                None => (1.0, p[F::COUNT - 1] + shared.reference),
             };
             here = self.chords(medium, power, here, (x, value), chords, length);
             if i < self.scratch.found.len() && !self.push(i) {
                 self.scratch.found.clear();
-                return false;
+                return None;
             }
         }
         self.scratch.found.clear();
-        self.sink.wants_more(!shared.values.is_empty())
+        Some((here.1, here.2))
     }
 
     /// Integrates from one place (local position, value, sums) to another.
@@ -350,16 +431,22 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
                 horner(power, from.0 + step * f64::from(k))
             };
             let after = medium.sums(next);
-            let (depth, colour) = medium.stretch(value, next, [&sums, &after], step * length);
-            if depth > self.shared.thick && value != next {
-                self.thick(medium, [value, next], step * length);
-            } else if depth > 0.0 {
-                self.sink.medium(colour, opacity(depth));
-            }
-            self.scratch.work.stretches += 1;
+            self.layer(medium, [value, next], [&sums, &after], step * length);
             (value, sums) = (next, after);
         }
         (to, value, sums)
+    }
+
+    /// One chord.
+    #[inline(always)]
+    fn layer(&mut self, medium: &Medium, [a, b]: [f64; 2], sums: [&Sums; 2], length: f64) {
+        let (depth, colour, opacity) = medium.layer(a, b, sums, length);
+        if depth > self.shared.thick && a != b {
+            self.thick(medium, [a, b], length);
+        } else {
+            self.sink.layer(colour, opacity);
+        }
+        self.scratch.work.stretches += 1;
     }
 
     /// A stretch in which what is in front hides some of what is behind: cut at the transfer function's points and into parts of a small depth.
@@ -400,6 +487,12 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
         self.scratch.found.sort_by(|x, y| x.t.total_cmp(&y.t));
         self.push_all();
     }
+}
+
+/// The greater of two numbers that are numbers: one instruction.
+#[inline(always)]
+fn later(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
 }
 
 #[inline(always)]

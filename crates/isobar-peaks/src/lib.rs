@@ -28,6 +28,7 @@
 //! # }
 //! ```
 
+mod clip;
 mod crossings;
 mod exact;
 mod filter;

@@ -2,14 +2,16 @@
 //!
 //! Least and greatest value of every block of 4^3 cells, once per data set, and which blocks the transfer function or a surface can be seen in, anew
 //! for each of these, in parallel. The paper's grid has 64^3 macrocells whatever the data; blocks of 4^3 cells are the same at 256^3. Different here: 64 macrocells share a
-//! word, so that empty space is crossed in steps of 16 cells; and the cells of a macrocell have such a word too, made when a ray that finds exact crossings
-//! first enters it, so that work follows what is visible. For filters without negative lobes the coefficients in reach bound a macrocell; for BC(2,1) the Bernstein
+//! word, so that empty space is crossed in steps of 16 cells, and their ranges lie side by side, so that a word is made by comparing 64 ranges at once; and the cells of a
+//! macrocell have such a word too: all of it where the macrocell's range lies in what can be seen, else made when a ray that finds exact crossings first enters
+//! it, so that work follows what is visible. For filters without negative lobes the coefficients in reach bound a macrocell; for BC(2,1) the Bernstein
 //! coefficients of its pieces do.
 
-use crate::interval::Intervals;
+use crate::interval::{Bands, Intervals, outward};
 use crate::space::{Dda, Walk, three};
 use crate::volume::{Form, Smooth, Volume};
 use isobar_core::Lattice;
+use isobar_cpu::{Kernel, Level};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -23,22 +25,34 @@ pub(crate) fn bit([x, y, z]: [i32; 3]) -> u32 {
     ((z & 3) << 4 | (y & 3) << 2 | (x & 3)) as u32
 }
 
-/// The range of every macrocell.
+/// The range of every macrocell, those of a node side by side.
 #[derive(Debug)]
 pub(crate) struct Macrocells {
     pub(crate) dims: [i32; 3],
-    ranges: Vec<[f32; 2]>,
+    nodes: [i32; 3],
+    /// Per node and [`bit`]; NaN, which meets nothing, beyond the volume.
+    least: Vec<[f32; 64]>,
+    most: Vec<[f32; 64]>,
     /// Of the whole volume.
     pub(crate) range: (f64, f64),
 }
 
-/// Rounded so that it encloses.
-fn outward(lo: f64, hi: f64) -> [f32; 2] {
-    let (a, b) = (lo as f32, hi as f32);
-    [
-        if f64::from(a) > lo { a.next_down() } else { a },
-        if f64::from(b) < hi { b.next_up() } else { b },
-    ]
+/// Node of a place in the list of nodes.
+fn node_at(n: usize, nodes: [i32; 3]) -> [i32; 3] {
+    let [x, y] = [nodes[0] as usize, nodes[1] as usize];
+    [(n % x) as i32, (n / x % y) as i32, (n / (x * y)) as i32]
+}
+
+/// Place of a node in the list of nodes.
+#[inline(always)]
+fn node_index([x, y, z]: [i32; 3], nodes: [i32; 3]) -> usize {
+    (z as usize * nodes[1] as usize + y as usize) * nodes[0] as usize + x as usize
+}
+
+/// Place of a macrocell in lists of 64 per node.
+#[inline(always)]
+fn slot(at: [i32; 3], nodes: [i32; 3]) -> usize {
+    node_index(three(|a| at[a] >> LOG), nodes) << 6 | bit(at) as usize
 }
 
 impl Macrocells {
@@ -46,36 +60,54 @@ impl Macrocells {
     pub(crate) fn new(volume: &Volume) -> Self {
         let cells = volume.space.cells;
         let dims = cells.map(|n| (n + SIDE - 1) >> LOG);
-        let count = dims.iter().map(|&n| n as usize).product::<usize>();
-        let mut ranges = vec![[0.0f32; 2]; count];
-        ranges.par_chunks_mut(dims[0] as usize).enumerate().for_each(|(row, out)| {
-            for (i, o) in out.iter_mut().enumerate() {
-                let at = [i as i32, row as i32 % dims[1], row as i32 / dims[1]];
-                let (lo, hi) = span(at, cells);
-                *o = if volume.filter.has_negative_lobes() {
-                    let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
-                    Smooth::<4>(volume).ranges(lo, hi, |_, a, b| (least, most) = (least.min(a), most.max(b)));
-                    outward(least, most)
-                } else {
-                    let r = volume.spline.range(lo.map(|x| x as usize), hi.map(|x| x as usize));
-                    outward(r.lo, r.hi)
-                };
+        let nodes = dims.map(|n| (n + SIDE - 1) >> LOG);
+        let count = nodes.iter().map(|&n| n as usize).product::<usize>();
+        let range_of = |at: [i32; 3]| {
+            let (lo, hi) = span(at, cells);
+            if volume.filter.has_negative_lobes() {
+                let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+                Smooth::<4>(volume).ranges(lo, hi, |_, a, b| (least, most) = (least.min(a), most.max(b)));
+                outward(least, most)
+            } else {
+                let r = volume.spline.range(lo.map(|x| x as usize), hi.map(|x| x as usize));
+                outward(r.lo, r.hi)
             }
-        });
-        let range = ranges.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), r| {
-            (a.min(r[0].into()), b.max(r[1].into()))
-        });
-        Self { dims, ranges, range }
+        };
+        let (least, most): (Vec<_>, Vec<_>) = (0..count)
+            .into_par_iter()
+            .map(|n| {
+                let (mut least, mut most) = ([f32::NAN; 64], [f32::NAN; 64]);
+                let (lo, hi) = span(node_at(n, nodes), dims);
+                for k in lo[2]..=hi[2] {
+                    for j in lo[1]..=hi[1] {
+                        for i in lo[0]..=hi[0] {
+                            let at = bit([i, j, k]) as usize;
+                            [least[at], most[at]] = range_of([i, j, k]);
+                        }
+                    }
+                }
+                (least, most)
+            })
+            .unzip();
+        let lowest = least.as_flattened().iter().fold(f64::INFINITY, |a, &x| a.min(x.into()));
+        let highest = most.as_flattened().iter().fold(f64::NEG_INFINITY, |a, &x| a.max(x.into()));
+        Self {
+            dims,
+            nodes,
+            least,
+            most,
+            range: (lowest, highest),
+        }
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(self.ranges.as_slice())
+        size_of_val(self.least.as_slice()) + size_of_val(self.most.as_slice())
     }
 
-    /// Index of a macrocell.
+    /// Place of a macrocell in the list of multipliers.
     #[inline(always)]
-    pub(crate) fn index(&self, [x, y, z]: [i32; 3]) -> usize {
-        (z as usize * self.dims[1] as usize + y as usize) * self.dims[0] as usize + x as usize
+    pub(crate) fn index(&self, at: [i32; 3]) -> usize {
+        slot(at, self.nodes)
     }
 }
 
@@ -117,24 +149,28 @@ pub(crate) fn multipliers(volume: &Volume, macros: &Macrocells) -> Vec<u8> {
         .map(|k| moments([0, 0, k], [dims[0] - 1, dims[1] - 1, k]))
         .collect();
     let whole = deviation(slices.iter().fold((0.0, 0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1, a.2 + b.2)));
-    let row = macros.dims[0] as usize;
-    let mut out = vec![1u8; macros.ranges.len()];
-    out.par_chunks_mut(row).enumerate().for_each(|(r, out)| {
-        for (i, m) in out.iter_mut().enumerate() {
-            let at = [i as i32, r as i32 % macros.dims[1], r as i32 / macros.dims[1]];
-            let (lo, hi) = span(at, cells);
-            let end: [usize; 3] = std::array::from_fn(|a| (hi[a] as usize + 1).min(dims[a] - 1));
-            let sigma = deviation(moments(lo.map(|x| x as usize), end));
-            // 0/0 takes no longer steps; anything over 0 the longest.
-            let ratio = whole / sigma;
-            *m = if ratio.is_nan() {
-                1
-            } else {
-                2 * (ratio.log2().clamp(0.0, 3.0) as u8) + 1
-            };
-        }
-    });
-    out
+    (0..macros.least.len())
+        .into_par_iter()
+        .flat_map_iter(|n| {
+            let node = node_at(n, macros.nodes);
+            (0..64i32).map(move |i| {
+                let at = three(|a| node[a] << LOG | i >> (2 * a) & (SIDE - 1));
+                if (0..3).any(|a| at[a] >= macros.dims[a]) {
+                    return 1;
+                }
+                let (lo, hi) = span(at, cells);
+                let end: [usize; 3] = std::array::from_fn(|a| (hi[a] as usize + 1).min(dims[a] - 1));
+                let sigma = deviation(moments(lo.map(|x| x as usize), end));
+                // 0/0 takes no longer steps; anything over 0 the longest.
+                let ratio = whole / sigma;
+                if ratio.is_nan() {
+                    1
+                } else {
+                    2 * (ratio.log2().clamp(0.0, 3.0) as u8) + 1
+                }
+            })
+        })
+        .collect()
 }
 
 /// The macrocells, and later cells, in which anything can be seen.
@@ -146,51 +182,42 @@ pub(crate) struct Visible {
     words: Vec<AtomicU64>,
     /// Per macrocell its visible cells; [`UNKNOWN`] until a ray comes by.
     masks: Vec<AtomicU64>,
-    wanted: Intervals,
-    /// Nothing is skipped.
-    all: bool,
+    wanted: Bands,
+    level: Level,
 }
 
 /// The word of a macrocell whose cells have not been looked at. One without a visible cell is taken out of the nodes.
 const UNKNOWN: u64 = 0;
 
 impl Visible {
-    /// Those that meet a value of `wanted`, or all of them.
-    pub(crate) fn new(volume: &Volume, macros: &Macrocells, wanted: Intervals, all: bool) -> Self {
-        let dims = macros.dims;
-        let nodes = dims.map(|n| (n + SIDE - 1) >> LOG);
-        let layer = nodes[0] as usize * nodes[1] as usize;
-        let words: Vec<AtomicU64> = (0..layer * nodes[2] as usize)
-            .into_par_iter()
-            .with_min_len(nodes[0] as usize)
-            .map(|n| {
-                let at = [
-                    (n % nodes[0] as usize) as i32,
-                    (n / nodes[0] as usize % nodes[1] as usize) as i32,
-                    (n / layer) as i32,
-                ];
-                let (lo, hi) = span(at, dims);
-                let mut word = 0;
-                for k in lo[2]..=hi[2] {
-                    for j in lo[1]..=hi[1] {
-                        for i in lo[0]..=hi[0] {
-                            let [a, b] = macros.ranges[macros.index([i, j, k])];
-                            let on = all || wanted.meets(a.into(), b.into());
-                            word |= u64::from(on) << bit([i, j, k]);
-                        }
-                    }
-                }
-                AtomicU64::new(word)
-            })
-            .collect();
+    /// Those that meet a value of `wanted`, or all of them. Where the range of a macrocell lies in an interval of `wanted`, all its cells are visible and need not be looked at.
+    pub(crate) fn new(volume: &Volume, macros: &Macrocells, wanted: &Intervals, all: bool, level: Level) -> Self {
+        let wanted = if all {
+            Intervals::new([(f64::NEG_INFINITY, f64::INFINITY)], 0.0).outward()
+        } else {
+            wanted.outward()
+        };
+        let masks: Vec<AtomicU64> = (0..64 * macros.least.len()).map(|_| AtomicU64::new(UNKNOWN)).collect();
+        let words: Vec<AtomicU64> = (0..macros.least.len()).map(|_| AtomicU64::new(0)).collect();
+        // Nodes a task takes.
+        const RUN: usize = 256;
+        words.par_chunks(RUN).enumerate().for_each(|(n, words)| {
+            level.run(LookAtNodes {
+                least: &macros.least[n * RUN..],
+                most: &macros.most[n * RUN..],
+                wanted: &wanted,
+                words,
+                masks: &masks[64 * n * RUN..],
+            });
+        });
         Self {
-            macros: dims,
-            nodes,
+            macros: macros.dims,
+            nodes: macros.nodes,
             cells: volume.space.cells,
-            masks: (0..macros.ranges.len()).map(|_| AtomicU64::new(UNKNOWN)).collect(),
+            masks,
             words,
             wanted,
-            all,
+            level,
         }
     }
 
@@ -209,7 +236,7 @@ impl Visible {
     /// The visible cells of a macrocell.
     #[inline(always)]
     pub(crate) fn cells_of(&self, at: [i32; 3], form: impl Form) -> u64 {
-        let slot = (at[2] as usize * self.macros[1] as usize + at[1] as usize) * self.macros[0] as usize + at[0] as usize;
+        let slot = slot(at, self.nodes);
         match self.masks[slot].load(Ordering::Relaxed) {
             UNKNOWN => self.look(at, slot, form),
             mask => mask,
@@ -219,21 +246,18 @@ impl Visible {
     #[inline(never)]
     fn look(&self, at: [i32; 3], slot: usize, form: impl Form) -> u64 {
         let (lo, hi) = span(at, self.cells);
-        let mut mask = 0u64;
-        form.ranges(lo, hi, |cell, a, b| {
-            mask |= u64::from(self.all || self.wanted.meets(a, b)) << bit(cell);
+        let mask = self.level.run(LookAtCells {
+            form,
+            lo,
+            hi,
+            wanted: &self.wanted,
         });
         if mask == UNKNOWN {
-            self.words[self.word(three(|a| at[a] >> LOG))].fetch_and(!(1 << bit(at)), Ordering::Relaxed);
+            self.words[slot >> 6].fetch_and(!(1 << bit(at)), Ordering::Relaxed);
         }
         // Every thread would store the same word.
         self.masks[slot].store(mask, Ordering::Relaxed);
         mask
-    }
-
-    #[inline(always)]
-    fn word(&self, [x, y, z]: [i32; 3]) -> usize {
-        (z as usize * self.nodes[1] as usize + y as usize) * self.nodes[0] as usize + x as usize
     }
 
     /// Hands the visible macrocells along a ray to `to`, in order, until it returns false.
@@ -247,7 +271,7 @@ impl Visible {
             let (a, exit) = node.exit();
             // Rounded planes may lie behind where the ray is: it never goes back.
             let end = exit.min(w.t1).max(t);
-            let word = self.words[self.word(node.at)].load(Ordering::Relaxed);
+            let word = self.words[node_index(node.at, self.nodes)].load(Ordering::Relaxed);
             if word != 0 {
                 let (lo, hi) = span(node.at, self.macros);
                 let mut cell = Dda::new(w, LOG, t, lo, hi);
@@ -268,6 +292,48 @@ impl Visible {
                 return;
             }
             t = end;
+        }
+    }
+}
+
+/// Which cells of a macrocell can be seen.
+struct LookAtCells<'a, F> {
+    form: F,
+    lo: [i32; 3],
+    hi: [i32; 3],
+    wanted: &'a Bands,
+}
+
+impl<F: Form> Kernel for LookAtCells<'_, F> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run(self) -> u64 {
+        self.form.visible(self.lo, self.hi, self.wanted)
+    }
+}
+
+/// Which macrocells of some nodes can be seen, and which of them wholly.
+struct LookAtNodes<'a> {
+    least: &'a [[f32; 64]],
+    most: &'a [[f32; 64]],
+    wanted: &'a Bands,
+    words: &'a [AtomicU64],
+    masks: &'a [AtomicU64],
+}
+
+impl Kernel for LookAtNodes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (n, word) in self.words.iter().enumerate() {
+            let (meets, mut inside) = self.wanted.bits(&self.least[n], &self.most[n]);
+            word.store(meets, Ordering::Relaxed);
+            while inside != 0 {
+                self.masks[64 * n + inside.trailing_zeros() as usize].store(u64::MAX, Ordering::Relaxed);
+                inside &= inside - 1;
+            }
         }
     }
 }

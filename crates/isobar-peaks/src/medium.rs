@@ -17,29 +17,52 @@ pub struct Sums {
     pub colour: [f64; 3],
 }
 
+impl Sums {
+    const fn lanes(&self) -> [f64; 4] {
+        let [r, g, b] = self.colour;
+        [self.depth, r, g, b]
+    }
+}
+
 /// One linear piece, from its lower end on.
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     value: f64,
     extinction: [f64; 2],
     colour: [[f64; 2]; 3],
-    before: Sums,
+    /// T and the three K as polynomials in the distance from the lower end: `[power][T, K, K, K]`, side by side so that four are evaluated as one.
+    powers: [[f64; 4]; 4],
 }
 
 impl Piece {
+    /// The piece from `value` on, with `before` the integrals up to there.
+    fn new(value: f64, extinction: [f64; 2], colour: [[f64; 2]; 3], before: Sums) -> Self {
+        let [r, s] = extinction;
+        let mut powers = [before.lanes(), [r; 4], [0.5 * s; 4], [0.0; 4]];
+        for (i, [c, d]) in colour.into_iter().enumerate() {
+            powers[1][i + 1] = c * r;
+            powers[2][i + 1] = 0.5 * (c * s + d * r);
+            powers[3][i + 1] = d * s / 3.0;
+        }
+        Self {
+            value,
+            extinction,
+            colour,
+            powers,
+        }
+    }
+
     #[inline(always)]
     fn sums(&self, value: f64) -> Sums {
         let x = value - self.value;
-        let [r, s] = self.extinction;
-        let half = 0.5 * x;
-        let third = x * (1.0 / 3.0);
-        let k = |i: usize| {
-            let [c, d] = self.colour[i];
-            self.before.colour[i] + x * (c * r + half * (c * s + d * r) + third * x * (d * s))
-        };
+        let [c0, c1, c2, c3] = &self.powers;
+        let mut s = [0.0; 4];
+        for i in 0..4 {
+            s[i] = c0[i] + x * (c1[i] + x * (c2[i] + x * c3[i]));
+        }
         Sums {
-            depth: self.before.depth + x * (r + half * s),
-            colour: [k(0), k(1), k(2)],
+            depth: s[0],
+            colour: [s[1], s[2], s[3]],
         }
     }
 }
@@ -56,6 +79,10 @@ pub struct Medium {
     buckets: Vec<u32>,
     first: f64,
     per_bucket: f64,
+    /// Rises below this part of the values' span lose too many digits in differences of T.
+    small: f64,
+    /// Width of the narrowest linear piece with extinction.
+    narrowest: f64,
     support: Intervals,
 }
 
@@ -68,13 +95,11 @@ impl Medium {
     pub fn new(tf: &TransferFunction) -> Self {
         let p = &tf.points;
         let (first, last) = (p[0], p[p.len() - 1]);
-        let constant = |(value, colour, density): (f64, [f32; 3], f32)| Piece {
-            value,
-            extinction: [f64::from(density) / tf.unit, 0.0],
-            colour: colour.map(|c| [f64::from(c), 0.0]),
-            before: Sums::default(),
+        let constant = |(value, colour, density): (f64, [f32; 3], f32), before| {
+            let colour = colour.map(|c| [f64::from(c), 0.0]);
+            Piece::new(value, [f64::from(density) / tf.unit, 0.0], colour, before)
         };
-        let mut pieces = vec![constant(first)];
+        let mut pieces = vec![constant(first, Sums::default())];
         let mut support = Vec::new();
         if first.2 > 0.0 {
             support.push((f64::NEG_INFINITY, first.0));
@@ -84,21 +109,18 @@ impl Medium {
             let width = b.0 - a.0;
             let line = |x: f64, y: f64| [x, (y - x) / width];
             let before = pieces[pieces.len() - 1].sums(a.0);
-            pieces.push(Piece {
-                value: a.0,
-                extinction: line(f64::from(a.2) / tf.unit, f64::from(b.2) / tf.unit),
-                colour: std::array::from_fn(|i| line(a.1[i].into(), b.1[i].into())),
+            pieces.push(Piece::new(
+                a.0,
+                line(f64::from(a.2) / tf.unit, f64::from(b.2) / tf.unit),
+                std::array::from_fn(|i| line(a.1[i].into(), b.1[i].into())),
                 before,
-            });
+            ));
             if a.2 > 0.0 || b.2 > 0.0 {
                 support.push((a.0, b.0));
             }
         }
         let before = pieces[pieces.len() - 1].sums(last.0);
-        pieces.push(Piece {
-            before,
-            ..constant(last)
-        });
+        pieces.push(constant(last, before));
         if last.2 > 0.0 {
             support.push((last.0, f64::INFINITY));
         }
@@ -115,13 +137,17 @@ impl Medium {
                 at.saturating_sub(1) as u32
             })
             .collect();
-        Self {
+        let mut out = Self {
             pieces,
             buckets,
             first: first.0,
             per_bucket,
+            small: 1e-9 * width,
+            narrowest: 0.0,
             support: Intervals::new(support, 0.0),
-        }
+        };
+        out.narrowest = out.finest(f64::NEG_INFINITY, f64::INFINITY);
+        out
     }
 
     /// Values with extinction, as closed intervals.
@@ -162,6 +188,12 @@ impl Medium {
         (line(p.extinction), [line(p.colour[0]), line(p.colour[1]), line(p.colour[2])])
     }
 
+    /// Whether values are so near one another that differences of T lose their digits: there the middle stands for all.
+    #[inline(always)]
+    fn is_flat(&self, a: f64, b: f64) -> bool {
+        (b - a).abs() <= 1e-7 * (a.abs() + b.abs()) + self.small
+    }
+
     /// Optical depth of a stretch of the given world length along which the field runs linearly from value `a` to `b`, with `sums` of both; and its
     /// mean colour. The depth is exact but for rounding; the colour leaves out attenuation inside the stretch (none where the colour is constant).
     #[must_use]
@@ -169,8 +201,7 @@ impl Medium {
     pub fn stretch(&self, a: f64, b: f64, sums: [&Sums; 2], length: f64) -> (f64, [f64; 3]) {
         let depth = sums[1].depth - sums[0].depth;
         let rise = b - a;
-        // Differences of T lose their digits where the values hardly differ; there the middle stands for all.
-        if rise.abs() <= 1e-7 * (a.abs() + b.abs()) || rise == 0.0 {
+        if self.is_flat(a, b) {
             let (r, c) = self.at(0.5 * (a + b));
             return (r * length, c);
         }
@@ -184,7 +215,32 @@ impl Medium {
 }
 
 impl Medium {
-    /// The width of the narrowest linear piece with extinction that meets [lo, hi]; +inf where there is none.
+    /// [`Medium::stretch`] with its opacity: optical depth, then the colour it adds (premultiplied), then its opacity. Two divisions, and an exponential only where it is thick.
+    #[inline(always)]
+    pub(crate) fn layer(&self, a: f64, b: f64, sums: [&Sums; 2], length: f64) -> (f64, [f64; 3], f64) {
+        if self.is_flat(a, b) {
+            let (r, c) = self.at(0.5 * (a + b));
+            let depth = r * length;
+            let o = opacity(depth);
+            return (depth, c.map(|x| x * o), o);
+        }
+        let per = length / (b - a);
+        let (from, to) = (sums[0].lanes(), sums[1].lanes());
+        let depth = per * (to[0] - from[0]);
+        // opacity / depth times per: what turns differences of the sums into colour and opacity.
+        let k = per / thinned(depth);
+        let d = |i: usize| (to[i] - from[i]) * k;
+        (depth, [d(1), d(2), d(3)], d(0))
+    }
+
+    /// Width of the narrowest linear piece with extinction; +inf where there is none.
+    #[inline(always)]
+    pub(crate) const fn narrowest(&self) -> f64 {
+        self.narrowest
+    }
+
+    /// The same of those that meet [lo, hi].
+    #[inline(never)]
     pub(crate) fn finest(&self, lo: f64, hi: f64) -> f64 {
         let inner = &self.pieces[1..];
         let from = inner.partition_point(|p| p.value <= lo).saturating_sub(1);
@@ -207,6 +263,17 @@ impl Medium {
             at = next;
         }
         each(at, b);
+    }
+}
+
+/// depth / (1 - exp(-depth)): by the series of `d/2 coth d/2`, whose next term is below 3e-11 of the result, where that is enough.
+#[inline(always)]
+fn thinned(depth: f64) -> f64 {
+    if depth.abs() < 0.5 {
+        let s = depth * depth;
+        1.0 + 0.5 * depth + s * (1.0 / 12.0 - s * (1.0 / 720.0 - s * (1.0 / 30_240.0 - s * (1.0 / 1_209_600.0))))
+    } else {
+        depth / -(-depth).exp_m1()
     }
 }
 
@@ -277,6 +344,36 @@ mod tests {
         assert!((d - 0.8).abs() < 1e-12);
         assert!((opacity(1e-5) - 9.999_950_000_166_665e-6).abs() < 1e-18);
         assert!((opacity(2.0) - (1.0 - (-2.0f64).exp())).abs() < 1e-15);
+        for depth in [1e-9, 1e-3, 0.1, 0.4999, 0.5001, 3.0, 40.0] {
+            assert!((depth / thinned(depth) / -(-depth).exp_m1() - 1.0).abs() < 1e-10, "{depth}");
+        }
+        assert_eq!(thinned(0.0), 1.0);
+    }
+
+    /// Both forms of a stretch are one, thick and thin, steep and flat.
+    #[test]
+    fn a_layer_is_a_stretch_with_its_opacity() {
+        let m = Medium::new(&tf(
+            &[(0.0, [0.9, 0.1, 0.3], 0.0), (1.0, [0.2, 0.5, 1.0], 3.0), (1.5, [1.0; 3], 0.5)],
+            1.0,
+        ));
+        for (a, b) in [
+            (0.1, 0.9),
+            (1.4, 0.2),
+            (0.5, 0.5),
+            (0.5, 0.5 + 1e-12),
+            (-1.0, 3.0),
+            (2.0, 4.0),
+        ] {
+            for length in [1e-6, 0.03, 1.0, 20.0] {
+                let sums = [&m.sums(a), &m.sums(b)];
+                let ((d, c), (depth, colour, o)) = (m.stretch(a, b, sums, length), m.layer(a, b, sums, length));
+                assert!((d - depth).abs() <= 1e-12 * d && (o - opacity(d)).abs() < 1e-9 * o + 1e-18);
+                for (x, y) in c.iter().zip(colour) {
+                    assert!((x * o - y).abs() < 1e-9, "{a} {b} {length}: {x} {y}");
+                }
+            }
+        }
     }
 
     #[test]
@@ -302,6 +399,7 @@ mod tests {
             [1.0, 0.25, 0.25]
         );
         assert_eq!(m.finest(1.26, 9.0), f64::INFINITY);
+        assert_eq!(m.narrowest(), 0.25);
     }
 
     #[test]

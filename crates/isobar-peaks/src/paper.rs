@@ -17,7 +17,7 @@ use crate::space::{Entry, Walk, three};
 use crate::tables::{Lookup, NO_PEAK, PeakTable, SegmentTable};
 use crate::volume::{Form, Volume};
 use glam::DVec3;
-use isobar_core::{Claim, Hit, Ray, shade};
+use isobar_core::{Claim, ClipPlane, Hit, Ray, shade};
 
 /// What a segment contributes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,6 +52,8 @@ pub(crate) struct Paper<'a> {
     pub(crate) macrocells: &'a Macrocells,
     /// `None`: nothing is skipped and there are no macrocells.
     pub(crate) visible: Option<&'a Visible>,
+    /// Open cuts: the first sample lies on the cut, the numbers of the others do not depend on it.
+    pub(crate) clips: &'a [ClipPlane],
     /// Per macrocell its step multiplier, where they are used.
     pub(crate) multipliers: Option<&'a [u8]>,
     /// Ascending, and the surface of each.
@@ -86,7 +88,7 @@ impl Paper<'_> {
     /// Draws one pixel.
     #[inline(always)]
     pub(crate) fn draw<F: Form>(&self, form: F, ray: &Ray, mut sink: Sink<'_, '_>, work: &mut Work) {
-        if let Entry::Through(walk) = Walk::enter(ray, &self.volume.space, None) {
+        if let Entry::Through(walk) = Walk::enter(ray, &self.volume.space, self.clips, None) {
             let before = work.samples + work.secants;
             let mut way = Way {
                 shared: self,
@@ -127,7 +129,7 @@ struct Way<'r, 's, 'a, 'p, 'q, F> {
     end: f64,
     next: f64,
     last: f64,
-    /// The next printed increment.
+    /// The next increment where positions are summed; else T of sample `next`.
     step: f64,
     sink: &'s mut Sink<'p, 'q>,
     work: &'s mut Work,
@@ -158,7 +160,7 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
         let summed = self.sums();
         // Where increments are summed, each macrocell begins with the closed form again, as printed.
         let n = self.steps.before(if summed { from.max(self.end) } else { from });
-        if summed || n >= self.next || self.end == f64::NEG_INFINITY {
+        if summed || n > self.next || self.end == f64::NEG_INFINITY {
             let t = self.steps.t(n).max(t0);
             self.work.gaps += u64::from(self.end >= from && t != self.end);
             if t != self.end {
@@ -167,10 +169,10 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
                 self.work.samples += 1;
             }
             self.next = n;
-            self.step = if self.steps.law() == Law::Printed {
-                self.steps.printed_increment(n)
-            } else {
-                self.steps.t(n + 1.0) - self.steps.t(n)
+            self.step = match self.steps.law() {
+                Law::Printed => self.steps.printed_increment(n),
+                _ if summed => self.steps.t(n + 1.0) - self.steps.t(n),
+                _ => self.steps.t(n),
             };
         }
         while self.end < to {
@@ -178,7 +180,10 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
             let t = match (summed, self.shared.single) {
                 (true, _) => self.summed(m),
                 (false, true) => f64::from(self.steps.t(n) as f32),
-                (false, false) => self.steps.t(n),
+                (false, false) => {
+                    self.step = self.steps.after(self.step, self.next, m);
+                    self.step
+                }
             };
             let t = t.min(t1);
             // Steps below the last digit of t end nowhere.

@@ -14,7 +14,7 @@ use isobar_core::{
     Channels, Counters, Data, DataKind, Frame, Function, Grid, Knobs, Memory, Method, MethodInfo, RenderError, RenderTime,
     Renderer, Request, Scene, Stage, Stop, Surface, TransferFunction, Unsupported, View,
 };
-use isobar_cpu::scene::{Isovalues, check_request, check_view, grid};
+use isobar_cpu::scene::{Isovalues, check_open_cuts, check_request, grid};
 use isobar_cpu::{Kernel, Level, Pool, Tile, TileOut, copy_frame, render_tiles};
 use isobar_fields::GridSpline;
 use std::sync::Arc;
@@ -27,7 +27,7 @@ pub struct PeaksCpu(Variant);
 
 /// The method `peaks/cpu`: every crossing of every isovalue and of every peak of the transfer function, exactly and in order, and the medium between.
 ///
-/// Grids of any sample type; the knob `reconstruction` takes the B-splines of isobar-fields and `bc21`. Opacity of peaks is unscaled
+/// Grids of any sample type; the knob `reconstruction` takes the B-splines of isobar-fields and `bc21`. Open cuts by clipping planes. Opacity of peaks is unscaled
 /// ([`isobar_core::Peak::opacity`]); in `Frame::surface` they follow the isovalues, ascending. Guarantee with `claims=on` where no medium is
 /// drawn (`mode=peak_only`, or no transfer function): a pixel with EXISTS has a root within `t_error` of t, with FIRST none before it, with EMPTY none at all. With a medium: no
 /// claims. The medium's optical depth is exact on chords of the field that leave it by at most `tolerance` times its range. Source: Knoll et al. 2009, section
@@ -55,7 +55,7 @@ impl Method for PeaksCpu {
         let mut surfaces = scene.surfaces.to_vec();
         surfaces.extend(scene.medium.iter().flat_map(|m| m.peaks()).map(|p| p.surface()));
         Isovalues::new(info, &surfaces)?;
-        check_view(info, scene.view)?;
+        check_open_cuts(info, scene.view)?;
         check_request(info, request)
     }
 
@@ -157,7 +157,7 @@ impl Peaks {
         let all = !self.settings.macrocells;
         let visible = self
             .pool
-            .install(|| Visible::new(&field.volume, &field.macrocells, wanted, all));
+            .install(|| Visible::new(&field.volume, &field.macrocells, &wanted, all, self.level));
         let tables = sampled.map(|s| tables(s, values.values(), medium.as_ref(), (lo, hi)));
         self.scene = Some(Prepared {
             values,
@@ -238,7 +238,7 @@ impl Renderer for Peaks {
 
     fn set_view(&mut self, view: &View) -> Result<(), RenderError> {
         view.validate()?;
-        check_view(self.variant.info(), view)?;
+        check_open_cuts(self.variant.info(), view)?;
         self.view = Some(view.clone());
         Ok(())
     }
@@ -362,6 +362,7 @@ impl Job<'_> {
         let exact = Exact {
             volume: &field.volume,
             visible: &scene.visible,
+            clips: &self.view.clips,
             values: scene.values.values(),
             index: &index,
             medium: scene.medium.as_ref(),
@@ -377,6 +378,7 @@ impl Job<'_> {
                 volume: &field.volume,
                 macrocells: &field.macrocells,
                 visible: settings.macrocells.then_some(&scene.visible),
+                clips: &self.view.clips,
                 multipliers: if s.multiplier { field.multipliers.as_deref() } else { None },
                 values: scene.values.values(),
                 index: &index,

@@ -74,6 +74,15 @@ impl<'a, 'b> Sink<'a, 'b> {
         self.clear -= k;
     }
 
+    /// The same with a premultiplied colour.
+    #[inline(always)]
+    pub(crate) fn layer(&mut self, colour: [f64; 3], opacity: f64) {
+        for (sum, c) in self.colour.iter_mut().zip(colour) {
+            *sum += self.clear * c;
+        }
+        self.clear -= self.clear * opacity;
+    }
+
     /// Puts a surface behind what is there.
     #[inline(always)]
     pub(crate) fn surface(&mut self, hit: &Hit) {

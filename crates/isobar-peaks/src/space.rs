@@ -12,11 +12,12 @@
 //! (|eye| + |origin| + |t d|)/spacing + 5u n; 16 and 8 are used. A skew lattice multiplies by its inverse: nine terms, each as above, and the
 //! inverse itself is off by the loss of digits of its determinant, [`Space::skew`]: 128 and that factor are used.
 //!
-//! Where a ray enters or leaves the domain, the plane is off by E too: [`Walk::loose`] is how far, in index units, the ray travels between the
-//! domain shrunk and the domain grown by E.
+//! Where a ray enters or leaves the domain, the plane is off by E too, and a clipping plane by what `clip.rs` says: [`Walk::loose`] is how far, in index units, the ray travels
+//! between the kept part shrunk and grown by that.
 
+use crate::clip::{Side, kept};
 use glam::DVec3;
-use isobar_core::{Domain, Ray};
+use isobar_core::{ClipPlane, Domain, Ray};
 
 /// One value per axis; `array::map` is not inlined into functions compiled for more instructions than the crate.
 #[inline(always)]
@@ -102,6 +103,14 @@ impl Space {
         }
     }
 
+    /// More than the greatest t at which a ray can be in the domain: twice the distance of the farthest corner, for what of it is rounded and a direction whose length is.
+    #[inline(always)]
+    fn reach(&self, ray: &Ray) -> f64 {
+        let (lo, hi) = self.world;
+        let far = (ray.origin - lo).abs().max((ray.origin - hi).abs()).length();
+        2.0 * far / ray.direction.length()
+    }
+
     /// The bound E of the module for rays from `origin`, as far as they can be inside the domain.
     #[inline(always)]
     pub(crate) fn position_error(&self, origin: DVec3) -> f64 {
@@ -134,7 +143,7 @@ pub(crate) struct Walk {
 /// that counts on the longest way through a domain.
 const NOTHING: f64 = 1e-100;
 
-/// Whether a ray meets the domain.
+/// Whether a ray meets what is kept of the domain.
 #[derive(Debug)]
 pub(crate) enum Entry {
     /// It does.
@@ -147,18 +156,22 @@ pub(crate) enum Entry {
 }
 
 impl Walk {
-    /// The part at t >= 0 of a ray inside the domain; `error` is E, where something is to be proved.
+    /// The part at t >= 0 of a ray inside the domain that all clipping planes keep; `error` is E, where something is to be proved.
     #[inline(always)]
-    pub(crate) fn enter(ray: &Ray, space: &Space, error: Option<f64>) -> Entry {
+    pub(crate) fn enter(ray: &Ray, space: &Space, clips: &[ClipPlane], error: Option<f64>) -> Entry {
         let o = (space.index_vector(ray.origin - space.domain.origin) + space.shift).to_array();
         let d = space.index_vector(ray.direction).to_array();
         let most = d[0].abs().max(d[1].abs()).max(d[2].abs());
         let d = three(|a| if d[a].abs() < NOTHING * most { 0.0 } else { d[a] });
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
         let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
-        // The stretch inside the domain grown by e on every side.
-        let inside = |e: f64| {
-            let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
+        // The stretch inside the domain grown by e on every side, and with it what the planes keep.
+        let inside = |e: f64, side: Side| {
+            let (mut t0, mut t1) = if clips.is_empty() {
+                (0.0f64, f64::INFINITY)
+            } else {
+                kept(ray, clips, space.reach(ray), side)
+            };
             for a in 0..3 {
                 let (lo, hi) = (space.lo[a] - e, space.hi[a] + e);
                 if d[a] == 0.0 {
@@ -173,16 +186,16 @@ impl Walk {
             }
             (t0, t1)
         };
-        let (t0, t1) = inside(0.0);
+        let (t0, t1) = inside(0.0, Side::Rounded);
         let loose = match error {
             None if t0 <= t1 => 0.0,
             None => return Entry::Misses { certain: false },
             Some(error) => {
-                let (first, last) = inside(error);
+                let (first, last) = inside(error, Side::Outer);
                 if t0 > t1 {
                     return Entry::Misses { certain: first > last };
                 }
-                let (late, early) = inside(-error);
+                let (late, early) = inside(-error, Side::Inner);
                 // What is not a number is not `<=`.
                 if late <= early {
                     (t0 - first).max(last - t1) * most

@@ -20,10 +20,18 @@
 //! 1 (16/9 for BC(2,1)): 210uM (1430uM). The convolutions are sums of at most 4 + 16 + 28 products, at most 50uM, times (4/3)^3 for BC(2,1). Reference and scaling: 3uM.
 //! Together 270uM (1600uM); 1024 (8192) are used.
 
+mod linear;
+mod smooth;
+
+pub(crate) use linear::Linear;
+pub(crate) use smooth::Smooth;
+
 use crate::filter::{Filter, rows};
+use crate::interval::Bands;
+use crate::macrocells::bit;
 use crate::space::{Space, U, three};
 use glam::DVec3;
-use isobar_core::{DataError, Grid, Lattice, Samples, Stage};
+use isobar_core::{DataError, Grid, Stage};
 use isobar_fields::GridSpline;
 
 /// Most Bernstein coefficients along a ray: degree 9.
@@ -40,6 +48,8 @@ pub(crate) struct Volume {
     rows: [[f64; 4]; 4],
     /// 1 / denominator^3.
     scale: f64,
+    /// Of the coefficients along a row of four cells, by index, in the Bernstein coefficients of all four: see [`Smooth::extremes`].
+    spread: [[f64; ROW]; 7],
 }
 
 impl Volume {
@@ -54,6 +64,7 @@ impl Volume {
             dims: grid.dims,
             rows: rows(basis),
             scale: f64::from(basis.denominator).powi(-3),
+            spread: spread(filter),
             spline,
         })
     }
@@ -85,58 +96,35 @@ pub(crate) trait Form: Copy {
     fn gradient(self, at: [f64; 3]) -> DVec3;
     /// Bernstein coefficients, less `reference`, on the segment from local a to local b of a cell; the first [`Form::COUNT`] of `out`.
     fn compose(self, cell: [i32; 3], a: [f64; 3], b: [f64; 3], reference: f64, out: &mut [f64; MOST]);
-    /// Range of the field on each cell of a box of at most 4^3 cells, x fastest, from its Bernstein coefficients.
-    fn ranges(self, lo: [i32; 3], hi: [i32; 3], each: impl FnMut([i32; 3], f64, f64));
+    /// Which cells of a box of at most 4^3 cells, whose first cell's indices are multiples of four, have a value of `wanted`: their [`bit`]s.
+    #[inline(always)]
+    fn visible(self, lo: [i32; 3], hi: [i32; 3], wanted: &Bands) -> u64 {
+        let (least, most) = self.extremes(lo, hi);
+        wanted.bits(&least, &most).0 & bits_of(lo, hi)
+    }
+    /// Bounds of the field on each cell of such a box, by the [`bit`] of its place in the box. Of cells beyond it: anything.
+    fn extremes(self, lo: [i32; 3], hi: [i32; 3]) -> ([f32; 64], [f32; 64]);
+    /// The same, handed on cell by cell, x fastest.
+    #[inline(always)]
+    fn ranges(self, lo: [i32; 3], hi: [i32; 3], mut each: impl FnMut([i32; 3], f64, f64)) {
+        let (least, most) = self.extremes(lo, hi);
+        for k in lo[2]..=hi[2] {
+            for j in lo[1]..=hi[1] {
+                for i in lo[0]..=hi[0] {
+                    let at = bit([i - lo[0], j - lo[1], k - lo[2]]) as usize;
+                    each([i, j, k], least[at].into(), most[at].into());
+                }
+            }
+        }
+    }
 }
 
-/// Degree 1.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Linear<'a> {
-    volume: &'a Volume,
-    samples: &'a Samples,
-    sy: usize,
-    sz: usize,
-}
-
-impl<'a> Linear<'a> {
-    pub(crate) fn new(volume: &'a Volume) -> Self {
-        Self {
-            volume,
-            samples: &volume.spline.grid().samples,
-            sy: volume.dims[0],
-            sz: volume.dims[0] * volume.dims[1],
-        }
-    }
-
-    #[inline(always)]
-    fn corners(self, cell: [i32; 3]) -> [f64; 8] {
-        let at = (cell[2] as usize) * self.sz + (cell[1] as usize) * self.sy + cell[0] as usize;
-        #[inline(always)]
-        fn pick<T: Copy + Into<f64>>(s: &[T], at: usize, sy: usize, sz: usize) -> [f64; 8] {
-            let s = &s[at..at + sz + sy + 2];
-            [
-                s[0].into(),
-                s[1].into(),
-                s[sy].into(),
-                s[sy + 1].into(),
-                s[sz].into(),
-                s[sz + 1].into(),
-                s[sz + sy].into(),
-                s[sz + sy + 1].into(),
-            ]
-        }
-        match self.samples {
-            Samples::U8(s) => pick(s, at, self.sy, self.sz),
-            Samples::I16(s) => pick(s, at, self.sy, self.sz),
-            Samples::U16(s) => pick(s, at, self.sy, self.sz),
-            Samples::F32(s) => pick(s, at, self.sy, self.sz),
-        }
-    }
-
-    #[inline(always)]
-    fn locate(self, at: [f64; 3]) -> ([i32; 3], [f64; 3]) {
-        locate(&self.volume.space, at)
-    }
+/// The [`bit`]s of the cells of a box of at most 4^3 cells, from its first on.
+#[inline(always)]
+fn bits_of(lo: [i32; 3], hi: [i32; 3]) -> u64 {
+    let n = three(|a| (hi[a] - lo[a] + 1) as u32);
+    let rows = (0..n[1]).fold(0u64, |m, j| m | ((1 << n[0]) - 1) << (4 * j));
+    (0..n[2]).fold(0u64, |m, k| m | rows << (16 * k))
 }
 
 /// Cell and local coordinates of a point, clamped to the domain.
@@ -147,306 +135,28 @@ fn locate(space: &Space, at: [f64; 3]) -> ([i32; 3], [f64; 3]) {
     (cell, three(|a| x[a] - f64::from(cell[a])))
 }
 
-#[inline(always)]
-fn mix(p: f64, q: f64, x: f64) -> f64 {
-    p + x * (q - p)
+/// Places for the Bernstein coefficients along four cells: 13 of degree 3, 9 of degree 2.
+const ROW: usize = 16;
+
+/// Bernstein coefficients along a row of four cells from coefficients of the field: `[j][l]` is the weight of coefficient j in Bernstein coefficient l, l % degree of cell
+/// l / degree; the last of a cell is the first of the next.
+fn spread(filter: Filter) -> [[f64; ROW]; 7] {
+    let (p, n) = (filter.points(), filter.basis().degree);
+    let mut out = [[0.0; ROW]; 7];
+    for l in 0..=4 * n {
+        let cell = (l / n).min(3);
+        for j in 0..=n {
+            out[cell + j][l] = p[l - cell * n][j];
+        }
+    }
+    out
 }
-
-impl Form for Linear<'_> {
-    const DEGREE: usize = 1;
-
-    #[inline(always)]
-    fn value(self, at: [f64; 3]) -> f64 {
-        let (cell, [x, y, z]) = self.locate(at);
-        let v = self.corners(cell);
-        mix(
-            mix(mix(v[0], v[1], x), mix(v[2], v[3], x), y),
-            mix(mix(v[4], v[5], x), mix(v[6], v[7], x), y),
-            z,
-        )
-    }
-
-    #[inline(always)]
-    fn gradient(self, at: [f64; 3]) -> DVec3 {
-        let (cell, [x, y, z]) = self.locate(at);
-        let v = self.corners(cell);
-        let d = |i: usize, j: usize| v[j] - v[i];
-        DVec3::new(
-            mix(mix(d(0, 1), d(2, 3), y), mix(d(4, 5), d(6, 7), y), z),
-            mix(mix(d(0, 2), d(1, 3), x), mix(d(4, 6), d(5, 7), x), z),
-            mix(mix(d(0, 4), d(1, 5), x), mix(d(2, 6), d(3, 7), x), y),
-        )
-    }
-
-    #[inline(always)]
-    fn compose(self, cell: [i32; 3], a: [f64; 3], b: [f64; 3], reference: f64, out: &mut [f64; MOST]) {
-        let v = self.corners(cell);
-        // Along x: the value at a (even) and at b (odd) on each of the four edges.
-        let mut x = [0.0; 8];
-        for k in 0..4 {
-            let (p, q) = (v[2 * k] - reference, v[2 * k + 1] - reference);
-            (x[2 * k], x[2 * k + 1]) = (mix(p, q, a[0]), mix(p, q, b[0]));
-        }
-        // Then y: bit 1 of the index.
-        let mut y = [0.0; 8];
-        for k in [0, 4] {
-            for i in 0..2 {
-                let (p, q) = (x[k + i], x[k + 2 + i]);
-                (y[k + i], y[k + 2 + i]) = (mix(p, q, a[1]), mix(p, q, b[1]));
-            }
-        }
-        let (za, zb) = (a[2], b[2]);
-        let corner = |i: usize, z: f64| mix(y[i], y[4 + i], z);
-        out[0] = corner(0, za);
-        out[1] = (corner(1, za) + corner(2, za) + corner(0, zb)) * (1.0 / 3.0);
-        out[2] = (corner(3, za) + corner(1, zb) + corner(2, zb)) * (1.0 / 3.0);
-        out[3] = corner(3, zb);
-    }
-
-    fn ranges(self, lo: [i32; 3], hi: [i32; 3], mut each: impl FnMut([i32; 3], f64, f64)) {
-        let n = three(|a| (hi[a] - lo[a] + 1) as usize);
-        // Least and greatest of neighbours along x, then y, then z: each sample is read once.
-        let (mut least, mut most) = ([0.0f64; 125], [0.0f64; 125]);
-        for k in 0..=n[2] {
-            for j in 0..=n[1] {
-                let at = (lo[2] as usize + k) * self.sz + (lo[1] as usize + j) * self.sy + lo[0] as usize;
-                let row = &mut least[(k * 5 + j) * 5..][..n[0] + 1];
-                match self.samples {
-                    Samples::U8(s) => read(&s[at..], row),
-                    Samples::I16(s) => read(&s[at..], row),
-                    Samples::U16(s) => read(&s[at..], row),
-                    Samples::F32(s) => read(&s[at..], row),
-                }
-            }
-        }
-        most.copy_from_slice(&least);
-        for stride in [1, 5, 25] {
-            for i in 0..125 - stride {
-                least[i] = least[i].min(least[i + stride]);
-                most[i] = most[i].max(most[i + stride]);
-            }
-        }
-        for k in 0..n[2] {
-            for j in 0..n[1] {
-                for i in 0..n[0] {
-                    let at = (k * 5 + j) * 5 + i;
-                    each(three(|a| lo[a] + [i, j, k][a] as i32), least[at], most[at]);
-                }
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn read<T: Copy + Into<f64>>(s: &[T], row: &mut [f64]) {
-    for (to, from) in row.iter_mut().zip(s) {
-        *to = (*from).into();
-    }
-}
-
-/// Degree 2 (W = 3) or 3 (W = 4).
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Smooth<'a, const W: usize>(pub(crate) &'a Volume);
-
-impl<const W: usize> Smooth<'_, W> {
-    #[inline(always)]
-    fn stencil(self, cell: [i32; 3]) -> [f64; 64] {
-        let mut s = [0.0; 64];
-        self.0.spline.stencil(cell.map(|i| i as usize), &mut s);
-        s
-    }
-
-    /// Weights at w, times the denominator.
-    #[inline(always)]
-    fn weights(self, w: f64) -> [f64; W] {
-        let m = &self.0.rows;
-        let mut out = [0.0; W];
-        for (j, o) in out.iter_mut().enumerate() {
-            *o = m[0][j] + w * (m[1][j] + w * (m[2][j] + w * m[3][j]));
-        }
-        out
-    }
-
-    #[inline(always)]
-    fn slopes(self, w: f64) -> [f64; W] {
-        let m = &self.0.rows;
-        let mut out = [0.0; W];
-        for (j, o) in out.iter_mut().enumerate() {
-            *o = m[1][j] + w * (2.0 * m[2][j] + w * (3.0 * m[3][j]));
-        }
-        out
-    }
-
-    /// Scaled Bernstein coefficients, times the denominator, of each weight on [a, b]: `[j][i]`.
-    #[inline(always)]
-    fn restricted(self, a: f64, b: f64) -> [[f64; W]; W] {
-        let m = &self.0.rows;
-        let mut out = [[0.0; W]; W];
-        for (j, o) in out.iter_mut().enumerate() {
-            let m = [m[0][j], m[1][j], m[2][j], m[3][j]];
-            if W == 4 {
-                // Polar form m0 + m1 (x+y+z)/3 + m2 (xy+yz+zx)/3 + m3 xyz, times 1, 3, 3, 1.
-                let cube = |x: f64| m[0] + x * (m[1] + x * (m[2] + x * m[3]));
-                let two =
-                    |x: f64, y: f64| 3.0 * m[0] + m[1] * (2.0 * x + y) + m[2] * (x * (x + 2.0 * y)) + 3.0 * m[3] * (x * x * y);
-                o[0] = cube(a);
-                o[1] = two(a, b);
-                o[2] = two(b, a);
-                o[W - 1] = cube(b);
-            } else {
-                let square = |x: f64| m[0] + x * (m[1] + x * m[2]);
-                o[0] = square(a);
-                o[1] = 2.0 * m[0] + m[1] * (a + b) + 2.0 * m[2] * (a * b);
-                o[W - 1] = square(b);
-            }
-        }
-        out
-    }
-}
-
-impl<const W: usize> Form for Smooth<'_, W> {
-    const DEGREE: usize = W - 1;
-
-    #[inline(always)]
-    fn value(self, at: [f64; 3]) -> f64 {
-        let (cell, x) = locate(&self.0.space, at);
-        let s = self.stencil(cell);
-        let [wx, wy, wz] = three(|a| self.weights(x[a]));
-        let mut sum = 0.0;
-        for k in 0..W {
-            let mut plane = 0.0;
-            for j in 0..W {
-                let row = &s[(k * W + j) * W..][..W];
-                let mut r = 0.0;
-                for i in 0..W {
-                    r += wx[i] * row[i];
-                }
-                plane += wy[j] * r;
-            }
-            sum += wz[k] * plane;
-        }
-        sum * self.0.scale
-    }
-
-    #[inline(always)]
-    fn gradient(self, at: [f64; 3]) -> DVec3 {
-        let (cell, x) = locate(&self.0.space, at);
-        let s = self.stencil(cell);
-        let [wx, wy, wz] = three(|a| self.weights(x[a]));
-        let [dx, dy, dz] = three(|a| self.slopes(x[a]));
-        let mut g = DVec3::ZERO;
-        for k in 0..W {
-            let mut plane = DVec3::ZERO;
-            for j in 0..W {
-                let row = &s[(k * W + j) * W..][..W];
-                let (mut r, mut d) = (0.0, 0.0);
-                for i in 0..W {
-                    r += wx[i] * row[i];
-                    d += dx[i] * row[i];
-                }
-                plane += DVec3::new(wy[j] * d, dy[j] * r, wy[j] * r);
-            }
-            g += plane * DVec3::new(wz[k], wz[k], dz[k]);
-        }
-        g * self.0.scale
-    }
-
-    #[inline(always)]
-    fn compose(self, cell: [i32; 3], a: [f64; 3], b: [f64; 3], reference: f64, out: &mut [f64; MOST]) {
-        let s = self.stencil(cell);
-        let [x, y, z] = three(|i| self.restricted(a[i], b[i]));
-        let mut total = [0.0; MOST];
-        for k in 0..W {
-            // Products of degree 2 (W - 1): at most 7 coefficients.
-            let mut plane = [0.0; 7];
-            for j in 0..W {
-                let row = &s[(k * W + j) * W..][..W];
-                let mut line = [0.0; W];
-                for i in 0..W {
-                    let c = row[i] - reference;
-                    for (l, w) in line.iter_mut().zip(&x[i]) {
-                        *l += c * w;
-                    }
-                }
-                for i in 0..W {
-                    for l in 0..W {
-                        plane[i + l] += line[i] * y[j][l];
-                    }
-                }
-            }
-            for i in 0..2 * W - 1 {
-                for l in 0..W {
-                    total[i + l] += plane[i] * z[k][l];
-                }
-            }
-        }
-        let scale = self.0.scale;
-        for i in 0..Self::COUNT {
-            out[i] = total[i] * (scale * INVERSE[W - 2][i]);
-        }
-    }
-
-    fn ranges(self, lo: [i32; 3], hi: [i32; 3], mut each: impl FnMut([i32; 3], f64, f64)) {
-        let p = self.0.filter.points();
-        for k in lo[2]..=hi[2] {
-            for j in lo[1]..=hi[1] {
-                for i in lo[0]..=hi[0] {
-                    let (least, most) = hull::<W>(&p, self.stencil([i, j, k]));
-                    // Each coefficient is three sums of W products, in any order.
-                    let slack = 64.0 * U * least.abs().max(most.abs()) * 3.0;
-                    each([i, j, k], least - slack, most + slack);
-                }
-            }
-        }
-    }
-}
-
-/// Least and greatest Bernstein coefficient of a piece; `p`: [`Filter::points`].
-fn hull<const W: usize>(p: &[[f64; 4]; 4], mut s: [f64; 64]) -> (f64, f64) {
-    for stride in [1, W, W * W] {
-        for line in 0..W * W {
-            // The first index of the line along this axis.
-            let at = match stride {
-                1 => line * W,
-                s if s == W => line / W * (W * W) + line % W,
-                _ => line,
-            };
-            let c: [f64; W] = std::array::from_fn(|i| s[at + i * stride]);
-            for (i, row) in p.iter().enumerate().take(W) {
-                let mut sum = 0.0;
-                for j in 0..W {
-                    sum += row[j] * c[j];
-                }
-                s[at + i * stride] = sum;
-            }
-        }
-    }
-    s[..W * W * W]
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &x| (a.min(x), b.max(x)))
-}
-
-/// 1 / C(6, i) and 1 / C(9, i).
-static INVERSE: [[f64; MOST]; 3] = {
-    const fn row(n: usize) -> [f64; MOST] {
-        let mut out = [0.0; MOST];
-        let mut c = 1.0;
-        let mut i = 0;
-        while i <= n {
-            out[i] = 1.0 / c;
-            c = c * (n - i) as f64 / (i + 1) as f64;
-            i += 1;
-        }
-        out
-    }
-    [row(3), row(6), row(9)]
-};
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::filter::binomial;
-    use isobar_core::Function;
+    use isobar_core::{Function, Samples};
 
     fn noise(dims: [usize; 3]) -> Grid {
         let mut seed = 5u32;

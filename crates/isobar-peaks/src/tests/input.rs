@@ -110,9 +110,11 @@ fn what_cannot_be_drawn_is_said() {
     view.clips.push(isobar_core::ClipPlane {
         normal: DVec3::X,
         distance: 1.0,
-        cap: false,
+        cap: true,
     });
-    assert!(scene(&view).unwrap_err().contains("clip"));
+    assert!(scene(&view).unwrap_err().contains("closed cuts"));
+    view.clips[0].cap = false;
+    assert_eq!(scene(&view), Ok(()));
     let mut r = PEAKS_CPU.open(&Request::default()).unwrap();
     assert_eq!(r.render(&Stop::default()).unwrap_err(), RenderError::NotReady("set_data"));
     r.set_data(&data).unwrap();

@@ -1,6 +1,7 @@
 //! Frames of both methods.
 
 mod cases;
+mod clips;
 mod hard;
 mod input;
 mod reference;

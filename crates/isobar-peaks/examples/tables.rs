@@ -1,0 +1,311 @@
+//! Tables 1 and 2 of Knoll et al. 2009 in the paper's form.
+//!
+//! `tables 1`: frames per CPU second and samples per ray, for peak finding, post-classification and pre-integration, with the paper's frame rates of the same kinds of scene.
+//! `tables 2 [part of a row's name]`: differential and geometric against uniform sampling at equal error, close up and far away. Data: those of `common::named`; what is absent is said and left out.
+//!
+//! **Protocol of Table 2.** The paper takes the differential image as the control and finds by eye the frame rate at which uniform sampling looks the same. Here the error decides: the root of the mean
+//! squared difference in sRGB over white to the exact colours of isobar-oracle, I for post-classification and P for peak finding. For each law the step is halved again and again; CPU time and
+//! samples at the error of the differential image at s_k = 4, 2 and 1 are interpolated between the two steps around it (log-log). Image 1280 x 800, of which the window of 128 x 80
+//! pixels in the middle is drawn, measured and timed: same rays, same pixel footprint.
+
+mod common;
+
+use common::{Result, Volume, counter, draw, least, named, open, window};
+use isobar_core::{Channels, Stage, Stop, TransferFunction, View};
+use isobar_oracle::{Colours, Reference};
+use isobar_peaks::{PEAKS_CPU, PEAKS_CPU_PAPER};
+
+fn main() -> Result<()> {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let part = args.get(1).map_or("", |s| s);
+    match args.first().map(String::as_str) {
+        Some("1") => table1(),
+        Some("2") => table2(part),
+        _ => Err("tables 1 | tables 2 [part of a row's name]".into()),
+    }
+}
+
+const RED: [f32; 3] = [0.8, 0.1, 0.05];
+const BLUE: [f32; 3] = [0.1, 0.25, 0.8];
+const GREEN: [f32; 3] = [0.15, 0.6, 0.15];
+const GOLD: [f32; 3] = [0.85, 0.6, 0.15];
+
+/// A row of Table 1: what the paper says of the scene of this kind, in frames per second on a GeForce GTX 285 (figures 3 to 5; the table's own numbers are only in its picture).
+struct Row {
+    name: &'static str,
+    data: &'static str,
+    size: [usize; 2],
+    knobs: &'static str,
+    tf: fn(&Volume) -> Result<TransferFunction>,
+    paper: [&'static str; 3],
+}
+
+/// A near-Dirac peak and a smoother feature: figure 3.
+fn dirac(v: &Volume) -> Result<TransferFunction> {
+    v.points(&[
+        (0.08, BLUE, 0.0),
+        (0.14, BLUE, 0.02),
+        (0.2, BLUE, 0.0),
+        (0.449_95, RED, 0.0),
+        (0.45, RED, 0.7),
+        (0.450_05, RED, 0.0),
+    ])
+}
+
+/// Narrow bands in noise: figure 4.
+fn bands(v: &Volume) -> Result<TransferFunction> {
+    v.spikes(&[(0.35, 2e-3, BLUE, 0.05), (0.5, 2e-3, GREEN, 0.1), (0.68, 2e-3, RED, 0.5)])
+}
+
+/// Five peaks close together: figure 5, left.
+fn several(v: &Volume) -> Result<TransferFunction> {
+    let at = |i: usize| 0.14 + 0.03 * i as f64;
+    let colours = [BLUE, GREEN, GOLD, RED, [0.8; 3]];
+    let of: Vec<_> = colours.iter().enumerate().map(|(i, &c)| (at(i), 2e-3, c, 0.15)).collect();
+    v.spikes(&of)
+}
+
+fn table1() -> Result<()> {
+    let xor = "mode=peak_xor_dvr";
+    let rows = [
+        Row {
+            name: "heptane, near-Dirac peak (Fig. 3)",
+            data: "heptane",
+            size: [1024, 900],
+            knobs: xor,
+            tf: dirac,
+            paper: ["7.1", "11.6", "8.8"],
+        },
+        Row {
+            name: "entropic noise for the zebrafish (Fig. 4)",
+            data: "entropic",
+            size: [1600, 512],
+            knobs: xor,
+            tf: bands,
+            paper: ["2.1", "-", "2.0"],
+        },
+        Row {
+            name: "head, one peak a segment (Fig. 5, left)",
+            data: "head",
+            size: [800, 1024],
+            knobs: "mode=peak_xor_dvr peaks=1",
+            tf: several,
+            paper: ["10.7", "-", "-"],
+        },
+        Row {
+            name: "head, four peaks a segment (Fig. 5, left)",
+            data: "head",
+            size: [800, 1024],
+            knobs: xor,
+            tf: several,
+            paper: ["8.2", "-", "-"],
+        },
+        Row {
+            name: "bonsai, two peaks",
+            data: "bonsai",
+            size: [1024, 768],
+            knobs: xor,
+            tf: Volume::two_peaks,
+            paper: ["-", "-", "-"],
+        },
+        Row {
+            name: "bonsai, two peaks, B-spline",
+            data: "bonsai",
+            size: [1024, 768],
+            knobs: "mode=peak_xor_dvr reconstruction=cubic",
+            tf: Volume::two_peaks,
+            paper: ["-", "-", "-"],
+        },
+    ];
+    println!(
+        "frames per CPU second, one thread, default view, s_k = 4 | the paper's fps; samples per ray: all, and without peaks"
+    );
+    println!(
+        "{:42} {:>9} | {:>9} {:>9} | {:>7} {:>7} {:>7} | {:>5} {:>5} {:>5} | {:>7}",
+        "scene", "size", "samples", "DVR only", "peaks", "post", "preint", "peaks", "post", "pre", "exact"
+    );
+    for r in rows {
+        let volume = match named(r.data) {
+            Ok(v) => v,
+            Err(e) => {
+                println!("{:42} {e}", r.name);
+                continue;
+            }
+        };
+        let tf = (r.tf)(&volume)?;
+        let [w, h] = r.size;
+        let view = View::fit(volume.data.bounds(), 40.0, w, h);
+        let run = |knobs: &str| -> Result<(f64, f64)> {
+            let mut renderer = open(&PEAKS_CPU_PAPER, &volume, (&[], Some(&tf)), &view, (Channels::RGBA, knobs))?;
+            let seconds = least(renderer.as_mut(), 3)?;
+            let samples = counter(renderer.as_ref(), "samples") + counter(renderer.as_ref(), "samples for peaks");
+            Ok((1.0 / seconds, samples as f64 / (w * h) as f64))
+        };
+        let recon = r.knobs.split_whitespace().find(|k| k.starts_with("recon")).unwrap_or("");
+        let (peaks, samples) = run(r.knobs)?;
+        let (post, alone) = run(&format!("mode=dvr_only {recon}"))?;
+        let (pre, _) = run(&format!("mode=dvr_only integration=engel {recon}"))?;
+        let mut exact = open(&PEAKS_CPU, &volume, (&[], Some(&tf)), &view, (Channels::RGBA, recon))?;
+        let exact = 1.0 / least(exact.as_mut(), 3)?;
+        println!(
+            "{:42} {:>9} | {samples:9.1} {alone:9.1} | {peaks:7.2} {post:7.2} {pre:7.2} | {:>5} {:>5} {:>5} | {exact:7.2}",
+            r.name,
+            format!("{w}x{h}"),
+            r.paper[0],
+            r.paper[1],
+            r.paper[2]
+        );
+    }
+    Ok(())
+}
+
+/// A law and the knob that shortens its steps.
+struct Sweep {
+    law: &'static str,
+    knob: &'static str,
+    /// The first value; each further one is half of the one before.
+    first: f64,
+    /// Seconds, samples per ray, root mean square error; by value.
+    runs: Vec<[f64; 3]>,
+}
+
+impl Sweep {
+    /// Halves the steps until the error is below `until`, at most `count` times in all. `run`: draws once with these knobs.
+    fn run(
+        law: &'static str,
+        knob: &'static str,
+        first: f64,
+        (count, until): (i32, f64),
+        run: impl Fn(&str) -> Result<[f64; 3]>,
+    ) -> Result<Self> {
+        let mut runs = Vec::new();
+        for i in 0..count {
+            runs.push(run(&format!("sampling={law} {knob}={}", first * 0.5f64.powi(i)))?);
+            if runs[runs.len() - 1][2] < until {
+                break;
+            }
+        }
+        Ok(Self { law, knob, first, runs })
+    }
+
+    /// Seconds and samples per ray at this error: between the first run that reaches it and the one before; `None` where none does.
+    fn at(&self, error: f64) -> Option<[f64; 2]> {
+        let i = self.runs.iter().position(|r| r[2] <= error)?;
+        let b = self.runs[i];
+        if i == 0 {
+            return Some([b[0], b[1]]);
+        }
+        let a = self.runs[i - 1];
+        let w = (error / a[2]).ln() / (b[2] / a[2]).ln();
+        Some([0, 1].map(|k| a[k] * (b[k] / a[k]).powf(w)))
+    }
+}
+
+/// One soft feature and two peaks of half-width .02 of the range, which post-classification too can resolve.
+fn mixed(v: &Volume, noise: bool) -> Result<TransferFunction> {
+    let (low, high) = if noise { (0.42, 0.6) } else { (0.15, 0.45) };
+    v.points(&[
+        (low - 0.08, BLUE, 0.0),
+        (low - 0.02, BLUE, 0.01),
+        (low, GREEN, 0.3),
+        (low + 0.02, BLUE, 0.01),
+        (high - 0.02, RED, 0.02),
+        (high, RED, 0.4),
+        (high + 0.02, RED, 0.02),
+        (high + 0.3, GOLD, 0.05),
+    ])
+}
+
+fn table2(part: &str) -> Result<()> {
+    println!(
+        "window of 128x80 of 1280x800, one thread; error: rms in sRGB over white; x: CPU time of uniform sampling at the same error over the law's"
+    );
+    for (data, noise) in [("heptane", false), ("entropic", true), ("bonsai", false)] {
+        let volume = match named(data) {
+            Ok(v) => v,
+            Err(e) => {
+                println!("{data}: {e}");
+                continue;
+            }
+        };
+        let tf = mixed(&volume, noise)?;
+        for (place, distance) in [("close", 0.3), ("far", 3.0)] {
+            let view = window(&volume.view([2.6, 1.9, 1.2], distance, 1280, 800), 128, 80);
+            for (what, mode, which) in [
+                ("post", "dvr_only", Reference::Integral),
+                ("peaks", "default", Reference::Peaks),
+            ] {
+                for recon in ["trilinear", "cubic"] {
+                    let name = format!("{data} {place} {what} {recon}");
+                    if name.contains(part) {
+                        compare(&name, &volume, &tf, &view, (mode, which, recon))?;
+                    }
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn compare(
+    name: &str,
+    volume: &Volume,
+    tf: &TransferFunction,
+    view: &View,
+    (mode, which, recon): (&str, Reference, &str),
+) -> Result<()> {
+    let scene = (&[][..], Some(tf));
+    let common = format!("mode={mode} reconstruction={recon}");
+    let function = open(&PEAKS_CPU, volume, scene, view, (Channels::RGBA, &common))?
+        .reconstruction(Stage::Stored)
+        .ok_or("no function to hold it against")?;
+    let want = Colours::compute(&function, &[], Some(tf), which, view, &Stop::default())?;
+    let mut exact = open(&PEAKS_CPU, volume, scene, view, (Channels::RGBA, &common))?;
+    let rms = |psnr: f64| 10f64.powf(-psnr / 20.0);
+    let d = want.difference(&draw(exact.as_mut())?)?;
+    println!(
+        "{name}: reference to {:.0e}; peaks/cpu {:.1} ms, error {:.1e}, p99 {:.1e}",
+        want.greatest_error(),
+        1e3 * least(exact.as_mut(), 3)?,
+        rms(d.psnr),
+        d.p99
+    );
+    let run = |knobs: &str| -> Result<[f64; 3]> {
+        let mut r = open(
+            &PEAKS_CPU_PAPER,
+            volume,
+            scene,
+            view,
+            (Channels::RGBA, &format!("{common} {knobs}")),
+        )?;
+        let d = want.difference(&draw(r.as_mut())?)?;
+        let samples = counter(r.as_ref(), "samples") + counter(r.as_ref(), "samples for peaks");
+        let mut seconds = least(r.as_mut(), 1)?;
+        if seconds < 0.3 {
+            seconds = seconds.min(least(r.as_mut(), 4)?);
+        }
+        Ok([seconds, samples as f64 / view.pixels() as f64, rms(d.psnr)])
+    };
+    // s_k = 32, 16, 8, 4, 2, 1
+    let differential = Sweep::run("differential", "sk", 32.0, (6, 0.0), run)?;
+    let errors = [4, 2, 1].map(|sk| (sk, differential.runs[5 - sk / 2][2]));
+    let until = errors.iter().fold(f64::INFINITY, |m, e| m.min(e.1));
+    let uniform = Sweep::run("uniform", "step", 8.0, (8, until), run)?;
+    let geometric = Sweep::run("geometric", "sk", 64.0, (9, until), run)?;
+    for (sk, error) in errors {
+        print!("  error {error:.2e} (s_k = {sk})");
+        let ruler = uniform.at(error);
+        for s in [&uniform, &differential, &geometric] {
+            match (s.at(error), ruler) {
+                (Some([t, n]), Some([u, _])) => print!("; {} {:.2} ms, {n:.1} samples, x {:.2}", s.law, 1e3 * t, u / t),
+                (Some([t, n]), None) => print!("; {} {:.2} ms, {n:.1} samples", s.law, 1e3 * t),
+                (None, _) => {
+                    let last = s.first * 0.5f64.powi(s.runs.len() as i32 - 1);
+                    print!("; {} does not reach it with {} {last}", s.law, s.knob);
+                }
+            }
+        }
+        println!();
+    }
+    Ok(())
+}
