@@ -3,7 +3,7 @@
 //! Of the system P = (alpha, beta, gamma) the first two are linear here and solved at once: the ray in the element's parameters is `u(t) = p + t q`. What is left is gamma(u(t)), of the
 //! degree of the attribute's three degrees together (9 for a tri-cubic), made in Bernstein form by blossoming and solved by isobar-poly's proved search.
 //!
-//! **Segment.** `[t0, t1]` is where the computed ray is within [`WIDE`] of the element's box and t >= 0. Its ends' parameters a, b (f64) define the polynomial
+//! **Segment.** `[t0, t1]` is where the computed ray is within a margin of the element's box and t >= 0: [`WIDE`], or 8 delta where that is more. Its ends' parameters a, b (f64) define the polynomial
 //! `P(x) = gamma(a + x (b - a))`, x in [0, 1]; gamma is the element's polynomial beyond its faces too. With `delta` a bound of the error of u(t) for t in the segment
 //! ([`LocalRay`]), the true function along the ray differs from P by at most `L delta`, L the sum of the greatest partial derivatives: degree times the spread of the
 //! coefficients, for each axis. The computed coefficients differ from P's by at most [`roundings`] times their size. Both together are the `error` of the search.
@@ -13,7 +13,7 @@
 //! between the roots for both extremes, and these in the bracket: outside of brackets there is none, although the true function is no polynomial of the search's degree to the last bit.
 //!
 //! **Faces.** A bracket whose parameters are farther than `delta` outside the box belongs to a neighbour and is dropped; one farther than `delta` inside on every axis is
-//! certain; the rest are hits without a claim, found by both neighbours and joined. As WIDE is more than `2 delta` plus the rounding of the segment's ends (checked, else the pixel is undecided),
+//! certain; the rest are hits without a claim, found by both neighbours and joined. As the margin is more than `2 delta` plus the rounding of the segment's ends,
 //! every t at which the true ray is in the closed element lies in the segment: no ray slips between two cells.
 
 use crate::bernstein::{MOST, bases, jet, range};
@@ -24,11 +24,11 @@ use isobar_core::{HexElement, Ray};
 use isobar_poly::bernstein::eval_with_derivative;
 use isobar_poly::{First, MAX_DEGREE, Root, RootKind, Tolerance, all_roots, first_root};
 
-/// How far beyond the box the search goes, in the element's size.
+/// How far beyond the box the search goes at least, in the element's size.
 const WIDE: f64 = 1.0 / (1 << 24) as f64;
-/// Greatest `delta` for which WIDE is enough.
-const MOST_DELTA: f64 = WIDE / 8.0;
-/// What the projected box is widened by, in its own size: more than WIDE.
+/// Greatest `delta`, else the pixel is undecided: beyond the box by 8 of it, partial derivatives of degree 27 together are at most 1.01 times those in the box.
+const MOST_DELTA: f64 = 1e-5;
+/// What the projected box is widened by, in its own size, beside the rounding of its centre.
 const BORDER: f64 = 1.0 + 1.0 / (1 << 20) as f64;
 /// Wanted width of a bracket, in segments.
 const WIDTH: f64 = 1.0 / (1u64 << 36) as f64;
@@ -110,6 +110,8 @@ pub(crate) struct LocalRay {
     inverse: [f64; 3],
     error: f64,
     drift: f64,
+    /// At least the parameter t it takes to go by 1 along some axis.
+    pace: f64,
 }
 
 impl LocalRay {
@@ -123,6 +125,7 @@ impl LocalRay {
             inverse: q.map(|q| 1.0 / q),
             error,
             drift,
+            pace: 1.0 / (q[0].abs().max(q[1].abs()).max(q[2].abs()) - drift),
         }
     }
 
@@ -193,6 +196,12 @@ pub(crate) fn exact_box(e: &HexElement) -> Option<(DVec3, DVec3)> {
     let at = |p: [f64; 4]| DVec3::new(p[0], p[1], p[2]);
     let corners = (at(ends[0]), at(ends[1]));
     (boxed && Place::of_box(corners.0, corners.1).is_some()).then_some(corners)
+}
+
+/// Whether an eye is so near to a box, in sizes of its thinnest side, that positions in it are known well below [`MOST_DELTA`]. Others are halved as any element, in world coordinates.
+pub(crate) fn is_near((lo, hi): (DVec3, DVec3), eye: DVec3) -> bool {
+    let far = (eye - lo).abs().max((eye - hi).abs());
+    (far / (hi - lo).abs()).max_element() < 1e8
 }
 
 /// The pixels whose rays may pass a box: its centre in the camera frame and half its extent there. `noise`: error of the centre.
@@ -344,22 +353,23 @@ impl Solver {
     /// All roots of one element on one ray.
     #[inline(always)]
     pub(crate) fn along_ray(&mut self, field: &Field<'_>, ray: &LocalRay, pixel: usize) {
+        let size = ray.p[0].abs().max(ray.p[1].abs()).max(ray.p[2].abs());
+        // The ray is past the box, margin and all, once it has gone by size + 2 along its main axis.
+        let delta = ray.error + (size + 2.0) * (ray.pace * ray.drift + 8.0 * EPS);
+        if !(0.0..=MOST_DELTA).contains(&delta) {
+            self.undecided[pixel] = true;
+            self.work.limits += 1;
+            return;
+        }
+        let wide = WIDE.max(8.0 * delta);
         let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
         for a in 0..3 {
-            // Not a number where the ray runs in the very plane: then `min` and `max` leave the other end as it is.
-            let from = (field.lo[a] - WIDE - ray.p[a]) * ray.inverse[a];
-            let to = (field.hi[a] + WIDE - ray.p[a]) * ray.inverse[a];
+            let from = (field.lo[a] - wide - ray.p[a]) * ray.inverse[a];
+            let to = (field.hi[a] + wide - ray.p[a]) * ray.inverse[a];
             t0 = t0.max(from.min(to));
             t1 = t1.min(from.max(to));
         }
         if t0 > t1 {
-            return;
-        }
-        let size = ray.p[0].abs().max(ray.p[1].abs()).max(ray.p[2].abs());
-        let delta = ray.error + t1 * ray.drift + 8.0 * EPS * (size + 2.0);
-        if delta.is_nan() || delta > MOST_DELTA {
-            self.undecided[pixel] = true;
-            self.work.limits += 1;
             return;
         }
         self.work.polynomials += 1;

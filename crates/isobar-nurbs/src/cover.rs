@@ -104,7 +104,7 @@ impl Solver {
 mod tests {
     use crate::NURBS_CPU;
     use crate::tests::request;
-    use isobar_core::{Algebraic, Camera, Claim, DVec3, Data, Frame, Method, Sampling, Stop, Surface, View};
+    use isobar_core::{Algebraic, Camera, Claim, ClipPlane, DVec3, Data, Frame, Method, Sampling, Stop, Surface, View};
     use std::sync::Arc;
 
     /// Hardcases D6: a sphere of radius 0.2 pixels about a corner of four pixels.
@@ -140,5 +140,15 @@ mod tests {
             .collect();
         assert_eq!(covered, [(255, 255), (256, 255), (255, 256), (256, 256)]);
         assert!(f.claim.iter().all(|c| c.contains(Claim::EMPTY)));
+        // A plane that cuts the sphere away: of its pixels nothing is claimed.
+        let clips = vec![ClipPlane {
+            normal: DVec3::Y,
+            distance: -1.0,
+            cap: false,
+        }];
+        renderer.set_view(&View { clips, ..view }).unwrap();
+        renderer.render(&Stop::default()).unwrap();
+        renderer.read(&mut f).unwrap();
+        assert!(f.claim.iter().all(|c| !c.contains(Claim::COVERED)));
     }
 }

@@ -13,7 +13,7 @@ use isobar_core::{
 };
 use isobar_cpu::scene::{check_medium, check_open_cuts, check_request};
 use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
-use isobar_fields::{HexField, Kind, algebraic_to_hexes, spline_to_hexes};
+use isobar_fields::{GridSpline, HexField, Kind, algebraic_to_hexes, spline_to_hexes};
 use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -313,23 +313,35 @@ impl Nurbs {
         Ok(())
     }
 
-    fn forget(&mut self) {
-        (self.index, self.bricks, self.patches) = (None, None, None);
+    /// Prepares for new data or another reconstruction; where that fails, everything is as it was, `undo` included.
+    fn change(&mut self, undo: impl FnOnce(&mut Self)) -> Result<(), RenderError> {
+        let former = (self.index.take(), self.bricks.take(), self.patches.take());
+        let prepared = self.prepare();
+        if prepared.is_err() {
+            (self.index, self.bricks, self.patches) = former;
+            undo(self);
+        }
+        prepared
     }
 }
 
 impl Renderer for Nurbs {
     fn set_data(&mut self, data: &Arc<Data>) -> Result<(), RenderError> {
         check_kind(self.info, data)?;
-        self.forget();
-        self.source = Some(Arc::clone(data));
-        self.prepare()
+        let former = self.source.replace(Arc::clone(data));
+        self.change(|r| r.source = former)
     }
 
     fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {
         check_surfaces(self.info, surfaces)?;
-        self.surfaces = Some(surfaces.to_vec());
-        self.prepare()
+        let former = self.surfaces.replace(surfaces.to_vec());
+        if let Err(e) = self.prepare() {
+            self.surfaces = former;
+            // What served them did so before.
+            self.prepare()?;
+            return Err(e);
+        }
+        Ok(())
     }
 
     fn set_medium(&mut self, medium: Option<&TransferFunction>) -> Result<(), RenderError> {
@@ -346,10 +358,9 @@ impl Renderer for Nurbs {
     fn set_knobs(&mut self, knobs: &Knobs) -> Result<(), RenderError> {
         let settings = Settings::new(self.info, knobs)?;
         let other = settings.kind != self.settings.kind && matches!(self.source.as_deref(), Some(Data::Grid(_)));
-        self.settings = settings;
+        let former = std::mem::replace(&mut self.settings, settings);
         if other {
-            self.forget();
-            self.prepare()?;
+            self.change(|r| r.settings = former)?;
         }
         Ok(())
     }
@@ -419,9 +430,12 @@ impl Renderer for Nurbs {
         Ok(())
     }
 
-    fn reconstruction(&self, _stage: Stage) -> Option<Arc<dyn Function>> {
+    fn reconstruction(&self, stage: Stage) -> Option<Arc<dyn Function>> {
         if let Some(b) = &self.bricks {
-            return Some(Arc::new(b.spline.clone()));
+            return match (stage, self.source.as_deref()?) {
+                (Stage::Ideal, Data::Grid(g)) => Some(Arc::new(GridSpline::new(g, self.settings.kind, stage).ok()?)),
+                _ => Some(Arc::new(b.spline.clone())),
+            };
         }
         Some(Arc::new(HexField::new(self.patches.as_ref()?).ok()?))
     }

@@ -17,7 +17,7 @@
 //! where the bound allows. A box that reaches the smallest size, or a surface that costs too many pieces, is reported for its pixels as undecided: tangential
 //! contacts end so.
 
-use crate::affine::{LocalRay, exact_box};
+use crate::affine::{LocalRay, exact_box, is_near};
 use crate::bernstein::{Lanes, Point, bases, count, halve, jet, range, value_roundings};
 use crate::frustum::{EPS, Frustum, PixelBox};
 use crate::matrix::{inverse, product};
@@ -158,6 +158,7 @@ impl Solver {
         if let Target::Isovalue(c) = task.target
             && task.boxed
             && let Some(corners) = exact_box(element)
+            && is_near(corners, f.eye)
         {
             return self.solve_box(f, element, corners, task.surface, c);
         }

@@ -1,8 +1,9 @@
-//! The hard cases of mapped cells (hardcases, section D) and the pictures the issue asks for, against answers worked out by hand.
+//! The hard cases of mapped cells (hardcases, section D) and pictures with a known answer, against answers worked out by hand.
 
 use crate::NURBS_CPU;
 use isobar_core::{
-    Channels, Claim, DVec3, Data, Frame, HexElement, HexPatches, Method, Ray, Request, Stop, Surface, SurfaceKind, View,
+    Channels, Claim, DVec3, Data, Frame, Grid, HexElement, HexPatches, Method, Ray, Request, Samples, Stop, Surface, SurfaceKind,
+    View,
 };
 use std::sync::Arc;
 
@@ -377,4 +378,46 @@ fn grids_of_any_size() {
     };
     let said = NURBS_CPU.supports(&scene, &request(1)).unwrap_err().to_string();
     assert!(said.contains("boundary surfaces of grids of more than 4194304"), "{said}");
+}
+
+/// Thin boxes and far eyes: the position of the ray in a box is known to some 1e-15 of distance over size, and the margin of the search grows with it; from still farther the
+/// box is halved in world coordinates.
+#[test]
+fn thin_boxes_are_seen_from_afar() {
+    // s = w across the thin axis
+    let thin = element([1; 3], |[u, v, w]| [u, v, 1e-6 * w], [0, 0, 1], &[0.0, 1.0]);
+    assert!(crate::affine::exact_box(&thin).is_some());
+    let data = hexes(vec![thin]);
+    for distance in [5.0, 500.0, 5e4] {
+        for side in [1.0, -1.0] {
+            let rays = [ray([0.3, 0.4, side * distance], [0.0, 0.0, -side])];
+            let (found, f) = hits(&data, 0.5, &rays, 2);
+            assert_eq!(found[0].len(), 1, "{distance}: {found:?} {:?}", f.claim);
+            assert!((found[0][0] - 0.5e-6).abs() < 1e-14 * distance, "{distance}: {found:?}");
+            assert!(f.claim[0].contains(Claim::EXISTS | Claim::FIRST), "{distance}: {:?}", f.claim);
+        }
+    }
+}
+
+/// What is refused leaves everything as it was.
+#[test]
+fn refused_data_and_surfaces_change_nothing() {
+    let grid = |dims: [usize; 3]| {
+        let samples: Vec<f32> = (0..dims.iter().product()).map(|i: usize| (i % dims[0]) as f32).collect();
+        Arc::new(Data::Grid(Grid::unit(dims, Samples::F32(samples.into())).unwrap()))
+    };
+    let mut r = NURBS_CPU.open(&request(1)).unwrap();
+    r.set_data(&grid([9, 9, 9])).unwrap();
+    r.set_surfaces(&[Surface::isovalue(4.25, 0)]).unwrap();
+    let view = View::rays(vec![ray([-1.0, 4.0, 4.0], [1.0, 0.0, 0.0])]);
+    r.set_view(&view).unwrap();
+    let mut hit = || {
+        r.render(&Stop::default()).unwrap();
+        let mut f = Frame::default();
+        r.read(&mut f).unwrap();
+        (f.t[0], r.set_data(&grid([9, 9, 1])).is_err())
+    };
+    let (first, refused) = hit();
+    assert!((first - 5.25).abs() < 1e-12 && refused, "{first}");
+    assert_eq!(hit().0, first);
 }

@@ -58,7 +58,8 @@ impl Kernel for DrawTile<'_, '_> {
                 .found
                 .sort_unstable_by(|a, b| a.pixel.cmp(&b.pixel).then(a.t.total_cmp(&b.t)));
             let mut covered = Vec::new();
-            if frusta && frustum.half > 0.0 {
+            // Of what planes cut away nothing is known of the pixel's square.
+            if frusta && frustum.half > 0.0 && view.clips.is_empty() {
                 let mut settled = vec![false; frustum.rays.len()];
                 solver.found.iter().for_each(|f| settled[usize::from(f.pixel)] = true);
                 covered = vec![false; settled.len()];

@@ -312,6 +312,31 @@ fn packets_agree_with_single_rays_and_the_oracle() {
     }
 }
 
+/// Where rounding spoils the camera's axes (an `up` whose square underflows, or almost along the line of sight) or the focal length is infinite, rectangles on the
+/// screen mean nothing, and every ray goes alone.
+#[test]
+fn views_that_rounding_spoils_lose_nothing() {
+    let data = synthetic("marschner-lobb,n=24");
+    let isovalue = [Surface::isovalue(0.5, 0)];
+    let isobar_core::Camera::Perspective { eye, target, .. } = View::bench(48, 36).camera else {
+        panic!("the bench view is a perspective");
+    };
+    let sight = (target - eye).normalize();
+    let view = |up: DVec3, fov: f64| View::perspective(eye, target, up, fov, 48, 36);
+    let views = [
+        view(DVec3::new(0.0, 0.0, 1e-161), 40.0),
+        view(DVec3::new(0.0, 0.0, 3e-162), 40.0),
+        view(sight + DVec3::new(0.6e-11, -1e-11, 1.4e-11), 0.1),
+        view(DVec3::Z, 1e-310),
+    ];
+    for (i, view) in views.iter().enumerate() {
+        checked(&data, &isovalue, view);
+        let (one, _) = draw(&data, &isovalue, view, 1);
+        let (packets, _) = draw_request(&data, &isovalue, view, &first_hits());
+        assert_eq!((one.claim, one.t), (packets.claim, packets.t), "view {i}");
+    }
+}
+
 /// hardcases C5, C7: a surface that touches a face, an edge or a vertex of cells from one side is hit once; so is one that crosses there.
 #[test]
 fn roots_shared_by_cells_are_one_hit() {

@@ -17,7 +17,8 @@ pub(crate) enum Side {
     Inner,
 }
 
-/// First and last t >= 0 that all planes keep; nothing is kept where the first is the greater. `reach`: the greatest t that matters.
+/// First and last t >= 0 that all planes keep; nothing is kept where the first is the greater. `reach`: at least twice the greatest t that matters, which leaves the branch for
+/// planes along the ray its room.
 ///
 /// The distance left to a plane at t is `rest + t rate` with the rate towards it negative. In exact arithmetic rest is `distance - normal . origin`, rounded by at most 5u (|distance| +
 /// |normal| . |origin|), and t rate is rounded by at most 4u t |normal| . |direction|: 16u of the sum leaves room for the division.
@@ -42,7 +43,7 @@ pub(crate) fn kept(ray: &Ray, clips: &[ClipPlane], reach: f64, side: Side) -> (f
         }
         let rate = c.normal.dot(ray.direction);
         let rest = c.distance - c.normal.dot(ray.origin) + hidden;
-        if rate == 0.0 || rate.abs() * reach <= hidden.abs() {
+        if rate == 0.0 || side != Side::Rounded && rate.abs() * reach <= hidden.abs() {
             if rest < 0.0 {
                 return nothing;
             }

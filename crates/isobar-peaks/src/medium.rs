@@ -147,6 +147,8 @@ impl Medium {
             support: Intervals::new(support, 0.0),
         };
         out.narrowest = out.finest(f64::NEG_INFINITY, f64::INFINITY);
+        // A point far outside the data makes the transfer function wide: no stretch that a piece with extinction cuts is flat for that.
+        out.small = out.small.min(1e-3 * out.narrowest);
         out
     }
 
@@ -400,6 +402,19 @@ mod tests {
         );
         assert_eq!(m.finest(1.26, 9.0), f64::INFINITY);
         assert_eq!(m.narrowest(), 0.25);
+    }
+
+    /// A point far outside of the data does not blur what lies inside.
+    #[test]
+    fn wide_transfer_functions_keep_their_narrow_peaks() {
+        let c = [1.0; 3];
+        let peak = [(37.995, c, 0.0), (38.25, c, 1.0), (38.505, c, 0.0)];
+        let alone = Medium::new(&tf(&peak, 1.0));
+        let wide = Medium::new(&tf(&[peak[0], peak[1], peak[2], (1e9, c, 0.0)], 1.0));
+        for (a, b) in [(37.9, 38.3), (38.0, 38.6), (38.2, 38.3)] {
+            assert_eq!(wide.is_flat(a, b), alone.is_flat(a, b), "{a} to {b}");
+            assert!(!wide.is_flat(a, b));
+        }
     }
 
     #[test]

@@ -367,7 +367,8 @@ impl Job<'_> {
             index: &index,
             medium: scene.medium.as_ref(),
             either: settings.mode == Mode::Either,
-            claims: settings.claims,
+            // Without surfaces nothing is said of the isovalues of the scene.
+            claims: settings.claims && settings.mode != Mode::Medium,
             reference: 0.5 * lo + 0.5 * hi,
             size: hi - lo,
             tolerance: (settings.tolerance * (hi - lo)).max(f64::MIN_POSITIVE),

@@ -108,7 +108,8 @@ impl Space {
     fn reach(&self, ray: &Ray) -> f64 {
         let (lo, hi) = self.world;
         let far = (ray.origin - lo).abs().max((ray.origin - hi).abs()).length();
-        2.0 * far / ray.direction.length()
+        // Not its length, whose square may overflow; this is no less.
+        2.0 * far / ray.direction.abs().max_element()
     }
 
     /// The bound E of the module for rays from `origin`, as far as they can be inside the domain.

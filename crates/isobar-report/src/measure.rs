@@ -20,7 +20,10 @@ use std::time::{Duration, Instant};
 
 mod colours;
 pub mod peak;
+mod stages;
 mod storage;
+
+pub(crate) use stages::METHOD as STAGED;
 
 /// How a run measures.
 #[derive(Debug, Clone)]
@@ -203,6 +206,7 @@ struct Verified {
 /// One row to measure.
 struct Candidate {
     row: usize,
+    knobs: Knobs,
     entry: Entry,
 }
 
@@ -243,6 +247,7 @@ impl Job<'_> {
         let mut candidates = Vec::new();
         for m in &chosen {
             for (setting, default, knobs) in self.variants(*m, reconstruction) {
+                let kept = knobs.clone();
                 let row = Row {
                     setting,
                     default,
@@ -272,6 +277,7 @@ impl Job<'_> {
                         prepared.push(p);
                         candidates.push(Candidate {
                             row: out.rows.len(),
+                            knobs: kept,
                             entry,
                         });
                         out.rows.push(row);
@@ -284,6 +290,7 @@ impl Job<'_> {
             self.storage(&mut out, &mut prepared, &candidates, stop)?;
         }
         drop(prepared);
+        out.stages = self.stages(&out, stop)?;
         for m in &chosen {
             if out
                 .rows
@@ -333,12 +340,15 @@ impl Job<'_> {
         let mut pictures = Vec::new();
         // Every frame is checked before it is timed.
         let first = run::interleaved_with(prepared, &entries, Plan::repeats(1), stop, &mut |i, function, frame| {
-            let row = &rows[candidates[i].row];
-            let done = self.verify(&frame, function, row, out.reconstruction.as_str(), stop);
+            let (row, knobs) = (&rows[candidates[i].row], &candidates[i].knobs);
+            let done = self.verify(&frame, function, (row, knobs), out.reconstruction.as_str(), stop);
             match done {
                 Ok(v) => {
                     checks[i] = Some((v.checked, v.colour));
-                    truth = v.truth;
+                    // Settings of one method may draw other surfaces of a medium, or none: the facts are those of the defaults.
+                    if row.default || truth.pixels == 0 {
+                        truth = v.truth;
+                    }
                     pictures.extend(v.pictures);
                 }
                 Err(e) => failed = Some(e),
@@ -418,13 +428,13 @@ impl Job<'_> {
         &self,
         frame: &Frame,
         function: Option<&Arc<dyn Function>>,
-        row: &Row,
+        (row, knobs): (&Row, &Knobs),
         reconstruction: &str,
         stop: &Stop,
     ) -> Result<Verified> {
         let function = function.with_context(|| format!("{} tells no function to check against", row.method))?;
         let method = isobar::method(&row.method)?;
-        let judged = checking::judged(method, self.surfaces, self.medium);
+        let judged = checking::judged(method, knobs, self.surfaces, self.medium);
         let start = Instant::now();
         let truth = self
             .truths
@@ -442,13 +452,13 @@ impl Job<'_> {
             seconds,
         };
         let pictures = if row.default {
-            Some(self.pictures(frame, &check, row, reconstruction)?)
+            Some(self.pictures(frame, (!judged.is_empty()).then_some(&check), row, reconstruction)?)
         } else {
             None
         };
         Ok(Verified {
             checked: checked(&check, facts.hits),
-            colour: self.colour(frame, function, method, stop)?,
+            colour: self.colour(frame, function, (method, knobs), stop)?,
             truth: facts,
             pictures,
         })
@@ -460,7 +470,7 @@ impl Job<'_> {
         format!("files/{}/{reconstruction}-{method}-{what}.png", self.definition.id)
     }
 
-    fn pictures(&self, frame: &Frame, check: &Check, row: &Row, reconstruction: &str) -> Result<Pictures> {
+    fn pictures(&self, frame: &Frame, check: Option<&Check>, row: &Row, reconstruction: &str) -> Result<Pictures> {
         let mut out = Pictures {
             method: row.method.clone(),
             setting: row.setting.clone(),
@@ -469,7 +479,7 @@ impl Job<'_> {
         };
         self.write(&out.image, &output::frame_picture(frame))?;
         // A medium alone has no surface that could lie elsewhere.
-        if self.medium.is_none() || colours::has_surfaces(frame) {
+        if let Some(check) = check {
             out.error = self.file(row, reconstruction, "error");
             self.write(&out.error, &checking::picture(check, frame.width, frame.height))?;
         }

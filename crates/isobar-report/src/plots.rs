@@ -6,7 +6,7 @@ use plotters::coord::combinators::LogCoord;
 use plotters::prelude::*;
 use std::ops::Range;
 
-/// Colours of methods, by position in the list of methods: distinct also without colour vision, dark enough on white.
+/// Colours of methods, by position in the list of methods: dark enough on white, the first eight distinct also without colour vision.
 pub const COLOURS: [RGBColor; 12] = [
     RGBColor(31, 95, 168),
     RGBColor(200, 92, 20),
@@ -18,7 +18,7 @@ pub const COLOURS: [RGBColor; 12] = [
     RGBColor(20, 140, 170),
     RGBColor(95, 75, 190),
     RGBColor(115, 140, 20),
-    RGBColor(230, 130, 150),
+    RGBColor(175, 60, 130),
     RGBColor(140, 80, 50),
 ];
 
@@ -128,24 +128,49 @@ fn dotted(chart: &mut Chart<'_, '_>, points: &[(f64, f64)], colour: RGBColor) ->
     Ok(())
 }
 
-/// 99th percentile of a frame's colours against what it is to draw: peaks and the integral between where it draws peaks, else the integral alone.
-fn colour_error(r: &Row) -> Option<f64> {
-    let c = r.colour?;
-    Some(c.peaks.filter(|_| c.surfaces).unwrap_or(c.integral).p99)
+/// What the error of a chart is against. Never two in one chart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Against {
+    /// Certified roots: 99th percentile of right hits, voxels.
+    Roots,
+    /// Peaks and the integral between: 99th percentile of the colours, of settings that draw peaks.
+    Peaks,
+    /// The integral: the same, of settings that draw no peaks.
+    Integral,
 }
 
-/// Time against error over the knob sweeps: one line per method, from `rows`; the error is the 99th percentile of right hits, in voxels, or where there is a medium
-/// that of the colours ([`colour_error`]). Points of frames with wrong pixels are hollow. `None` where no row has numbers.
+impl Against {
+    fn title(self) -> &'static str {
+        match self {
+            Self::Roots => "error, voxels (99 % of hits)",
+            Self::Peaks => "error of colour against peaks (99 %)",
+            Self::Integral => "error of colour against the integral (99 %)",
+        }
+    }
+
+    /// A row's error; `None` where it is no row of this chart.
+    fn error(self, r: &Row) -> Option<f64> {
+        match (self, &r.colour) {
+            (Self::Roots, None) => Some(r.checked.t_voxels.p99),
+            (Self::Peaks, Some(c)) => c.peaks?.p99,
+            (Self::Integral, Some(c)) if c.peaks.is_none() => c.integral.p99,
+            _ => None,
+        }
+    }
+}
+
+/// Time against error over the knob sweeps: one line per method, from `rows`. Points of frames with wrong pixels are hollow. `None` where no row has numbers.
 ///
 /// # Errors
 /// When the chart cannot be drawn.
-pub fn time_against_error(rows: &[Row], methods: &[String]) -> Result<Option<String>> {
-    let good: Vec<&Row> = rows.iter().filter(|r| r.reason.is_none() && r.wall.median > 0.0).collect();
+pub fn time_against_error(rows: &[Row], methods: &[String], against: Against) -> Result<Option<String>> {
+    let measured = rows.iter().filter(|r| r.reason.is_none() && r.wall.median > 0.0);
+    let good: Vec<&Row> = measured.filter(|r| against.error(r).is_some()).collect();
     if good.is_empty() {
         return Ok(None);
     }
     let ms = |r: &Row| r.wall.median * 1e3;
-    let error = |r: &Row| colour_error(r).unwrap_or(r.checked.t_voxels.p99).max(FLOOR);
+    let error = |r: &Row| against.error(r).unwrap_or_default().max(FLOOR);
     let x = Axis {
         range: decades(good.iter().map(|r| ms(r))),
         title: "time of a frame, ms (wall clock)",
@@ -153,11 +178,7 @@ pub fn time_against_error(rows: &[Row], methods: &[String]) -> Result<Option<Str
     };
     let y = Axis {
         range: decades(good.iter().map(|r| error(r))),
-        title: if good.iter().any(|r| r.colour.is_some()) {
-            "error of colour (99 % of pixels)"
-        } else {
-            "error, voxels (99 % of hits)"
-        },
+        title: against.title(),
         label: tick,
     };
     let text = draw((620, 360), x, y, |chart| {
@@ -174,7 +195,7 @@ pub fn time_against_error(rows: &[Row], methods: &[String]) -> Result<Option<Str
                 .map_err(failed)?;
             let marks = own.iter().zip(&points).flat_map(|(r, p)| {
                 let ring = Circle::new(*p, 5, colour.stroke_width(2)).into_dyn();
-                let inside = if r.checked.wrong() == 0 || r.colour.is_some_and(|c| !c.surfaces) {
+                let inside = if r.checked.wrong() == 0 {
                     colour.filled()
                 } else {
                     WHITE.filled()
@@ -278,7 +299,7 @@ mod tests {
     fn frames_with_wrong_pixels_are_hollow() {
         let methods = ["a".to_owned()];
         let chart = |missed| {
-            time_against_error(&[row("a", 12.0, 1e-3, missed)], &methods)
+            time_against_error(&[row("a", 12.0, 1e-3, missed)], &methods, Against::Roots)
                 .unwrap()
                 .unwrap()
         };
@@ -292,7 +313,9 @@ mod tests {
     fn rows_without_numbers_make_no_chart() {
         let mut r = row("a", 1.0, 1.0, 0);
         r.reason = Some("refused".into());
-        assert_eq!(time_against_error(&[r], &["a".to_owned()]).unwrap(), None);
+        assert_eq!(time_against_error(&[r], &["a".to_owned()], Against::Roots).unwrap(), None);
+        let r = row("a", 1.0, 1.0, 0);
+        assert_eq!(time_against_error(&[r], &["a".to_owned()], Against::Peaks).unwrap(), None);
         assert_eq!(convergence(&[], false).unwrap(), None);
         assert_eq!(growth(&[]).unwrap(), None);
     }

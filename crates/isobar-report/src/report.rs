@@ -249,8 +249,12 @@ fn key(o: &Options, all: &[Definition]) -> Result<String> {
         .context("the program cannot read itself")?;
     let text = serde_json::to_string(all)?;
     let data = std::env::var(definitions::DATA_VARIABLE).unwrap_or_default();
+    // Transfer functions are files that may be edited between two runs; one that cannot be read is a reason in the page.
+    let media: Vec<String> = (all.iter().filter_map(|d| d.medium.as_ref()))
+        .map(|m| std::fs::read_to_string(o.root.join(m)).unwrap_or_default())
+        .collect();
     let all = format!(
-        "{} {} {text} {data} {MODELS:?} {}",
+        "{} {} {text} {media:?} {data} {MODELS:?} {}",
         data::sha256(&program),
         o.full,
         std::env::var("VK_DRIVER_FILES").unwrap_or_default()

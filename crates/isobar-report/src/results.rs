@@ -96,6 +96,8 @@ pub struct Comparison {
     pub models: Vec<Model>,
     /// Pictures at the default settings.
     pub pictures: Vec<Pictures>,
+    /// Seconds of one thread in each stage of a frame of `octree/cpu` (`isobar_octree::stages::Laps`); `None` where it was not asked or its frame has a wrong pixel.
+    pub stages: Option<[f64; 6]>,
     /// What was not as the definition says it must be.
     pub failures: Vec<String>,
     /// What a reader of the numbers must know.
@@ -186,6 +188,12 @@ impl Checked {
     pub const fn wrong(&self) -> u64 {
         self.missed + self.false_hits + self.wrong_root + self.wrong_surface
     }
+
+    /// Hits that are right: those that errors are about.
+    #[must_use]
+    pub const fn right(&self) -> u64 {
+        self.hits.saturating_sub(self.missed + self.wrong_root + self.wrong_surface)
+    }
 }
 
 /// One method at one setting.
@@ -228,31 +236,27 @@ pub struct Row {
 pub struct Colour {
     /// Against the emission-absorption integral of the transfer function as given.
     pub integral: Apart,
-    /// Against its peaks as surfaces and the integral between, for methods that draw them.
+    /// Against its peaks as surfaces and the integral between, for settings that draw them.
     pub peaks: Option<Apart>,
     /// Of the two exact images: no method's error.
     pub bias: Option<Apart>,
-    /// Proved bound of the error of the exact colours, shading apart.
-    pub bound: f64,
-    /// Whether the frame has hits: a setting that draws no surfaces cannot miss any.
+    /// Proved bound of the error of the exact colours, shading apart; `None`: none.
+    pub bound: Option<f64>,
+    /// Whether the setting draws surfaces: one that draws none cannot miss any.
     pub surfaces: bool,
 }
 
-/// How far two images are apart.
+/// How far two images are apart; `None` where a colour is no number.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Apart {
     /// 99th percentile over pixels of the greatest difference of a channel.
-    pub p99: f64,
+    pub p99: Option<f64>,
     /// Greatest.
-    pub max: f64,
-    /// Mean.
-    pub mean: f64,
+    pub max: Option<f64>,
     /// Pixels with more than 1/255.
     pub visible: u64,
-    /// Decibels; `None` for equal images.
+    /// Decibels; `None` also for equal images.
     pub psnr: Option<f64>,
-    /// Structural similarity.
-    pub ssim: f64,
 }
 
 /// |t*(s stored) - t*(s ideal)|: the certified first roots of the function drawn, and of the one with coefficients in f64.

@@ -1,12 +1,12 @@
 //! One CSV per method: every number of the page, and the reasons where there is none.
 
 use crate::page::csv_name;
-use crate::results::{Comparison, Matrix, Report, Row, Scene, Stat};
+use crate::results::{Apart, Comparison, Matrix, Report, Row, Scene, Stat};
 use anyhow::{Context, Result};
 use std::path::Path;
 
 /// Columns of the tables. Times are seconds, errors voxels, angles degrees, memory bytes.
-const COLUMNS: [&str; 56] = [
+const COLUMNS: [&str; 61] = [
     "scene",
     "group",
     "data_sha256",
@@ -50,9 +50,14 @@ const COLUMNS: [&str; 56] = [
     "work",
     "colour_integral_p99",
     "colour_integral_max",
+    "colour_integral_visible",
+    "colour_integral_psnr",
     "colour_peaks_p99",
     "colour_peaks_max",
+    "colour_peaks_visible",
+    "colour_peaks_psnr",
     "colour_bias_max",
+    "colour_bound",
     "storage_compared",
     "storage_changed",
     "storage_median",
@@ -164,8 +169,10 @@ fn line(s: &Scene, c: &Comparison, r: &Row, revision: &str) -> Vec<String> {
         k.unclaimed,
     ];
     out.extend(counts.map(|n| n.to_string()));
-    out.extend([k.t_voxels.median, k.t_voxels.p99, k.t_voxels.max, k.t_pixels.p99].map(number));
-    out.extend([k.normal_deg.median, k.normal_deg.p99, k.normal_deg.max].map(number));
+    // Without right hits there are no errors of them.
+    let error = |x: f64| if k.right() > 0 { number(x) } else { String::new() };
+    out.extend([k.t_voxels.median, k.t_voxels.p99, k.t_voxels.max, k.t_pixels.p99].map(error));
+    out.extend([k.normal_deg.median, k.normal_deg.p99, k.normal_deg.max].map(error));
     out.extend(r.memory.map(|n| n.to_string()));
     out.push(r.work.to_string());
     out.extend(colours(r));
@@ -185,19 +192,19 @@ fn line(s: &Scene, c: &Comparison, r: &Row, revision: &str) -> Vec<String> {
 }
 
 /// Colours against the exact ones; nothing without a medium.
-fn colours(r: &Row) -> [String; 5] {
+fn colours(r: &Row) -> [String; 10] {
     let Some(c) = &r.colour else {
         return Default::default();
     };
     let number = |x: Option<f64>| x.map_or_else(String::new, |x| format!("{x:e}"));
-    [
-        Some(c.integral.p99),
-        Some(c.integral.max),
-        c.peaks.map(|a| a.p99),
-        c.peaks.map(|a| a.max),
-        c.bias.map(|a| a.max),
-    ]
-    .map(number)
+    let apart = |a: Option<Apart>| {
+        let visible = a.map_or_else(String::new, |a| a.visible.to_string());
+        let field = |f: fn(Apart) -> Option<f64>| number(a.and_then(f));
+        [field(|a| a.p99), field(|a| a.max), visible, field(|a| a.psnr)]
+    };
+    let [a, b, d, e] = apart(Some(c.integral));
+    let [f, g, h, i] = apart(c.peaks);
+    [a, b, d, e, f, g, h, i, number(c.bias.and_then(|a| a.max)), number(c.bound)]
 }
 
 /// The storage error; 0 pixels compared where the stored function is the ideal one, nothing where the method tells none.
@@ -254,7 +261,7 @@ fn hard_cases(m: &Matrix, path: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::{MatrixRow, MatrixTable, Peak, Storage, Verdict};
+    use crate::results::{Colour, MatrixRow, MatrixTable, Peak, Storage, Verdict};
 
     #[test]
     fn every_row_has_every_column_and_reasons_are_kept() {
@@ -287,6 +294,15 @@ mod tests {
     fn storage_error_memory_and_hard_cases_are_written() {
         let row = Row {
             method: "a/cpu".into(),
+            colour: Some(Colour {
+                peaks: Some(Apart {
+                    p99: Some(0.25),
+                    visible: 9,
+                    ..Apart::default()
+                }),
+                bound: Some(0.5),
+                ..Colour::default()
+            }),
             storage: Some(Storage {
                 compared: 7,
                 changed: 1,
@@ -339,6 +355,18 @@ mod tests {
         };
         let at = |name: &str| COLUMNS.iter().position(|c| *c == name).unwrap();
         let line = &read("a-cpu.csv")[0];
+        assert_eq!(
+            (&line[at("colour_peaks_p99")], &line[at("colour_peaks_visible")]),
+            ("2.5e-1", "9")
+        );
+        assert_eq!(
+            (
+                &line[at("colour_bound")],
+                &line[at("colour_integral_max")],
+                &line[at("t_max")]
+            ),
+            ("5e-1", "", "")
+        );
         assert_eq!((&line[at("storage_compared")], &line[at("storage_changed")]), ("7", "1"));
         assert_eq!((&line[at("process_peak")], &line[at("process_ratio")]), ("300", "1.5e0"));
         let cells = read("hard-cases.csv");

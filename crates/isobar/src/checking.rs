@@ -2,9 +2,9 @@
 
 use crate::output::{self, ClassColour, Picture};
 use crate::settings::{finite, short};
-use isobar_core::{Channels, Frame, Method, Surface, TransferFunction};
+use isobar_core::{Channels, Frame, Knobs, Method, ResolvedKnobs, Surface, TransferFunction};
 pub use isobar_oracle::{Check, Class, Difference, Quantiles};
-use isobar_oracle::{Colours, TruthError};
+use isobar_oracle::{Colours, Reference, TruthError};
 use serde_json::{Value, json};
 
 /// Channels a frame needs for everything a check can say.
@@ -135,18 +135,39 @@ pub fn to_text(c: &Check) -> String {
     out
 }
 
-/// The surfaces that hits are held against: those given, then for peaks/* the maxima of the transfer function's density, ascending.
+/// The surfaces that hits are held against: those given, then for peaks/* the maxima of the transfer function's density, ascending; none at all in its mode
+/// `dvr_only`, which draws the medium alone.
 #[must_use]
-pub fn judged(method: &dyn Method, surfaces: &[Surface], medium: Option<&TransferFunction>) -> Vec<Surface> {
-    let peaks = medium.filter(|_| draws_peaks(method)).map(TransferFunction::peaks);
-    let peaks = peaks.unwrap_or_default();
-    surfaces.iter().copied().chain(peaks.iter().map(|p| p.surface())).collect()
+pub fn judged(method: &dyn Method, knobs: &Knobs, surfaces: &[Surface], medium: Option<&TransferFunction>) -> Vec<Surface> {
+    let given = || surfaces.iter().copied();
+    match mode(method, knobs).as_deref() {
+        None => given().collect(),
+        Some("dvr_only") => Vec::new(),
+        Some(_) => {
+            let peaks = medium.map(TransferFunction::peaks).unwrap_or_default();
+            given().chain(peaks.iter().map(|p| p.surface())).collect()
+        }
+    }
 }
 
-/// Whether the method draws the maxima of a transfer function as surfaces: a property of the family.
+/// The exact image of a method that draws the maxima of a transfer function as surfaces; `None` where it draws the transfer function as given: then there is
+/// only the integral.
 #[must_use]
-pub fn draws_peaks(method: &dyn Method) -> bool {
-    method.info().id.starts_with("peaks/")
+pub fn peaks_reference(method: &dyn Method, knobs: &Knobs) -> Option<Reference> {
+    match mode(method, knobs)?.as_str() {
+        "dvr_only" => None,
+        "peak_only" => Some(Reference::PeaksAlone),
+        _ => Some(Reference::Peaks),
+    }
+}
+
+/// The knob `mode` of the family peaks/*, which says what of a transfer function is drawn as surfaces; other methods draw none of it so.
+fn mode(method: &dyn Method, knobs: &Knobs) -> Option<String> {
+    let info = method.info();
+    let all = ResolvedKnobs::new(info.knobs, knobs)
+        .ok()
+        .filter(|_| info.id.starts_with("peaks/"))?;
+    Some(all.word("mode").to_owned())
 }
 
 /// Colours of a frame against the exact ones: the emission-absorption integral of the transfer function as given, and for methods that draw
@@ -164,17 +185,20 @@ pub struct ColourCheck {
 }
 
 impl ColourCheck {
-    /// Holds a frame against the exact colours: the integral, and peaks with the integral between.
+    /// Holds a frame against the exact colours: the integral, and what [`peaks_reference`] says, with whether that is peaks alone (which has no bias to tell).
     ///
     /// # Errors
     /// Where the frame has no colour, or the sizes differ.
-    pub fn of(frame: &Frame, integral: &Colours, peaks: Option<&Colours>) -> Result<Self, TruthError> {
+    pub fn of(frame: &Frame, integral: &Colours, peaks: Option<(Reference, &Colours)>) -> Result<Self, TruthError> {
+        let (reference, peaks) = peaks.unzip();
         let bounds = peaks.into_iter().chain([integral]).map(Colours::greatest_error);
         Ok(Self {
             bound: bounds.fold(0.0, f64::max),
             integral: integral.difference(frame)?,
             peaks: peaks.map(|p| p.difference(frame)).transpose()?,
-            bias: peaks.map(|p| p.bias(integral)).transpose()?,
+            bias: (peaks.filter(|_| reference == Some(Reference::Peaks)))
+                .map(|p| p.bias(integral))
+                .transpose()?,
         })
     }
 

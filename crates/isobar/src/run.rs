@@ -190,9 +190,12 @@ fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
 /// What the method refuses ([`Method::supports`] is asked first) or fails at; an image too large for the memory left.
 pub fn prepare(setup: &Setup<'_>) -> Result<Prepared, RenderError> {
     setup.view.validate()?;
-    check_memory(setup.view, &setup.request)?;
+    check_memory(setup, 0)?;
     setup.method.supports(&setup.scene(), &setup.request)?;
-    check_coefficients(setup)?;
+    let coefficients = coefficient_bytes(setup);
+    if coefficients > 0 {
+        check_memory(setup, coefficients)?;
+    }
     let mut t = Timings::default();
     let mut renderer = timed(&mut t.open, || setup.method.open(&setup.request))?;
     timed(&mut t.data, || renderer.set_data(setup.data))?;
@@ -234,32 +237,34 @@ pub fn frame_bytes(view: &View, request: &Request) -> u64 {
     (view.pixels() as u64).saturating_mul(pixel)
 }
 
-fn check_memory(view: &View, request: &Request) -> Result<(), RenderError> {
+/// Asks for a frame in the renderer, one copied out, and `coefficients` bytes.
+fn check_memory(setup: &Setup<'_>, coefficients: u64) -> Result<(), RenderError> {
+    let (view, layers) = (setup.view, setup.request.layers.max(1));
     let what = || {
-        format!(
-            "a frame of {}x{} with {} layers",
-            view.width,
-            view.height,
-            request.layers.max(1)
-        )
+        let frame = format!("a frame of {}x{} with {layers} layers", view.width, view.height);
+        if coefficients > 0 {
+            format!("{frame} and the coefficients of the reconstruction")
+        } else {
+            frame
+        }
     };
-    isobar_cpu::require_memory(what, frame_bytes(view, request).saturating_mul(2))
+    let frames = frame_bytes(view, &setup.request).saturating_mul(2);
+    isobar_cpu::require_memory(what, frames.saturating_add(coefficients))
 }
 
-/// Reconstructions that are not their samples keep f32 coefficients, made before anything is drawn.
-fn check_coefficients(setup: &Setup<'_>) -> Result<(), RenderError> {
-    let Data::Grid(grid) = &**setup.data else {
-        return Ok(());
+/// Bytes of the f32 coefficients that reconstructions keep which are not their samples; methods make them before they draw. What they need beside them for a while is not
+/// counted.
+fn coefficient_bytes(setup: &Setup<'_>) -> u64 {
+    let Data::Grid(grid) = &**setup.data else { return 0 };
+    let Ok(knobs) = ResolvedKnobs::new(setup.method.info().knobs, &setup.request.knobs) else {
+        return 0;
     };
-    let knobs = ResolvedKnobs::new(setup.method.info().knobs, &setup.request.knobs)?;
-    let name = knobs.iter().find(|(k, _)| *k == "reconstruction").map(|(_, v)| v.to_string());
-    match name {
-        Some(r) if r.ends_with("-interpolating") || r.ends_with("-prefiltered") => {
-            let what = || format!("the coefficients of reconstruction={r}");
-            isobar_cpu::require_memory(what, 4 * grid.samples.len() as u64)
-        }
-        _ => Ok(()),
-    }
+    let named = knobs.iter().find(|(k, _)| *k == "reconstruction");
+    let made = named.is_some_and(|(_, v)| {
+        let r = v.to_string();
+        r.ends_with("-interpolating") || r.ends_with("-prefiltered")
+    });
+    if made { 4 * grid.samples.len() as u64 } else { 0 }
 }
 
 impl Prepared {
@@ -593,6 +598,26 @@ mod tests {
         if isobar_cpu::available_bytes().is_some() {
             assert!(matches!(prepare(&s), Err(RenderError::Memory { .. })));
         }
+    }
+
+    #[test]
+    fn coefficients_are_counted_where_they_are_made() {
+        let (data, surfaces) = (data(), [Surface::isovalue(2.0, 0)]);
+        let view = View::fit(data.bounds(), 40.0, 16, 16);
+        let bytes = |method: &str, reconstruction: &str| {
+            let mut s = setup(
+                &data,
+                &surfaces,
+                &view,
+                Knobs::default().with("reconstruction", reconstruction),
+            );
+            s.method = crate::method(method).unwrap();
+            coefficient_bytes(&s)
+        };
+        assert_eq!(bytes("march/cpu", "trilinear"), 0);
+        assert_eq!(bytes("octree/cpu", "cubic"), 0);
+        assert_eq!(bytes("octree/cpu", "cubic-interpolating"), 4 * 512);
+        assert_eq!(bytes("tetspline/cpu", "type6-prefiltered"), 4 * 512);
     }
 
     #[test]

@@ -111,3 +111,15 @@ fn a_ramp_is_cut_at_both_ends() {
         }
     }
 }
+
+/// The length of such a direction is infinite in f64; the planes cut it all the same.
+#[test]
+fn huge_directions_are_cut() {
+    let data = grid([9, 5, 5], |x, _, _| x as f64 / 8.0);
+    let mut view = ray([-1.0, 2.0, 2.0], [1e200, 0.0, 0.0]);
+    view.clips = vec![plane(DVec3::X, 6.25), plane(-DVec3::X, -2.5)];
+    for (x, there) in [(6.5, false), (2.0, false), (4.0, true)] {
+        let f = draw(&PEAKS_CPU, &data, &[Surface::isovalue(x / 8.0, 0)], None, &view, (2, &[]));
+        assert_eq!(hits(&f).len(), usize::from(there), "{x}: {:?}", f.t);
+    }
+}

@@ -238,3 +238,15 @@ fn modes_draw_what_they_say() {
     let together = 1.0 - (1.0 - alpha(&peak)) * (1.0 - alpha(&medium));
     assert!((alpha(&both) - together).abs() < 1e-6, "{} {together}", alpha(&both));
 }
+
+/// A mode without surfaces says nothing of the isovalues of the scene, with a transfer function or without.
+#[test]
+fn the_medium_alone_claims_nothing() {
+    let data = grid([9, 5, 5], |x, _, _| x as f64 / 8.0);
+    let surfaces = [Surface::isovalue(0.5, 0)];
+    for direction in [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]] {
+        let view = ray([-1.0, 2.0, 2.0], direction);
+        let f = draw(&PEAKS_CPU, &data, &surfaces, None, &view, (1, &[("mode", "dvr_only")]));
+        assert_eq!((hits(&f).len(), f.claim[0]), (0, Claim::empty()));
+    }
+}

@@ -4,11 +4,11 @@ use super::{Difference, Job};
 use crate::results::{Apart, Colour};
 use anyhow::{Context, Result};
 use isobar::checking::{self, ColourCheck};
-use isobar_core::{Frame, Function, Method, Stop};
+use isobar_core::{Frame, Function, Knobs, Method, Stop};
 use isobar_oracle::{Colours, Reference};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Exact colours that were computed last, with the name of what they are of: settings of one method ask for the same.
+/// Exact colours of the scene, with the name of what they are of: settings ask for the same.
 #[derive(Debug, Default)]
 pub(super) struct Exact(Mutex<Vec<(String, Arc<Colours>)>>);
 
@@ -27,37 +27,39 @@ impl Job<'_> {
     }
 
     /// Holds a frame's colours against the exact ones; `None` without a medium.
-    pub(super) fn colour(&self, frame: &Frame, f: &Arc<dyn Function>, m: &dyn Method, stop: &Stop) -> Result<Option<Colour>> {
+    pub(super) fn colour(
+        &self,
+        frame: &Frame,
+        f: &Arc<dyn Function>,
+        (m, knobs): (&dyn Method, &Knobs),
+        stop: &Stop,
+    ) -> Result<Option<Colour>> {
         if self.medium.is_none() {
             return Ok(None);
         }
         let integral = self.exact(f, Reference::Integral, stop)?;
-        let peaks = checking::draws_peaks(m)
-            .then(|| self.exact(f, Reference::Peaks, stop))
-            .transpose()?;
-        let c = ColourCheck::of(frame, &integral, peaks.as_deref())?;
+        let reference = checking::peaks_reference(m, knobs);
+        let peaks = reference.map(|r| self.exact(f, r, stop)).transpose()?;
+        let c = ColourCheck::of(frame, &integral, reference.zip(peaks.as_deref()))?;
         Ok(Some(Colour {
             integral: apart(&c.integral),
             peaks: c.peaks.as_ref().map(apart),
             bias: c.bias.as_ref().map(apart),
-            bound: c.bound,
-            surfaces: has_surfaces(frame),
+            bound: finite(c.bound),
+            surfaces: !checking::judged(m, knobs, self.surfaces, self.medium).is_empty(),
         }))
     }
 }
 
-/// Whether a frame has a hit.
-pub(super) fn has_surfaces(frame: &Frame) -> bool {
-    frame.t.iter().any(|t| t.is_finite())
+fn finite(x: f64) -> Option<f64> {
+    x.is_finite().then_some(x)
 }
 
 fn apart(d: &Difference) -> Apart {
     Apart {
-        p99: d.p99,
-        max: d.max,
-        mean: d.mean,
+        p99: finite(d.p99),
+        max: finite(d.max),
         visible: d.visible as u64,
-        psnr: d.psnr.is_finite().then_some(d.psnr),
-        ssim: d.ssim,
+        psnr: finite(d.psnr),
     }
 }

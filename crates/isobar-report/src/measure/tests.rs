@@ -79,6 +79,11 @@ fn the_storage_error_is_measured() {
     assert!(!storage.same && storage.compared > 200 && storage.changed == 0, "{storage:?}");
     assert!(storage.voxels.median > 0.0 && storage.voxels.max < 1e-3, "{storage:?}");
     assert_eq!(row.method, "octree/cpu");
+    let stages = s.comparisons[0].stages.expect("its frames are clocked, and right");
+    assert!(
+        stages.iter().all(|t| t.is_finite() && *t >= 0.0) && stages.iter().sum::<f64>() > 0.0,
+        "{stages:?}"
+    );
 }
 
 /// A medium is held against the exact colours, by peaks/* also against the exact peaks; tetrahedra need no reconstruction.
@@ -104,18 +109,50 @@ fn media_are_compared_by_colour() {
     let peaks = k.peaks.expect("peaks/cpu draws them");
     assert!(k.surfaces && c.truth.hits > 100 && c.rows[0].checked.wrong() == 0, "{k:?}");
     // Seen: 7e-4 and 9e-3.
-    assert!(peaks.max < 2e-3 && k.integral.max > 5e-3, "{k:?}");
+    let max = |a: crate::results::Apart| a.max.expect("a number");
+    assert!(max(peaks) < 2e-3 && max(k.integral) > 5e-3, "{k:?}");
+    let bias = max(k.bias.expect("both exact images are there"));
     assert!(
-        k.bias.is_some_and(|b| (b.max - k.integral.max).abs() < 2e-3) && k.bound < 1e-6,
+        (bias - max(k.integral)).abs() < 2e-3 && k.bound.is_some_and(|b| b < 1e-6),
         "{k:?}"
     );
     assert!(c.models.is_empty() && !c.pictures[0].error.is_empty());
 
+    // The medium alone has no peaks to miss; peaks alone have an exact image of their own.
+    let c = measured("", "trilinear", "peaks/cpu-paper", "mode=dvr_only");
+    let row = c.rows.iter().find(|r| r.setting == "mode=dvr_only").unwrap();
+    let k = row.colour.expect("a medium has colours");
+    assert!(!k.surfaces && k.peaks.is_none() && row.checked.hits == 0, "{row:?}");
+    assert!(c.truth.hits > 100, "those of the default setting");
+    let c = measured("", "trilinear", "peaks/cpu", "mode=peak_only");
+    let row = c.rows.iter().find(|r| r.setting == "mode=peak_only").unwrap();
+    let k = row.colour.expect("a medium has colours");
+    assert!(
+        k.peaks.is_some_and(|a| max(a) < 1e-4) && k.bias.is_none() && row.checked.wrong() == 0,
+        "{k:?}"
+    );
+
     let c = measured(",as=tets", "linear", "cellproj/cpu", "integration=exact");
     let exact = c.rows.iter().find(|r| r.setting == "integration=exact").unwrap();
     let k = exact.colour.expect("a medium has colours");
-    assert!(!k.surfaces && k.peaks.is_none() && k.integral.max < 1e-5, "{k:?}");
+    assert!(!k.surfaces && k.peaks.is_none() && max(k.integral) < 1e-5, "{k:?}");
     assert!(k.integral.visible == 0 && c.pictures[0].error.is_empty(), "{:?}", c.pictures);
+}
+
+#[test]
+fn stored_results_come_back_as_they_were() {
+    let mut row = Row {
+        colour: Some(Colour::default()),
+        ..Row::default()
+    };
+    for x in [None, Some(0.25)] {
+        row.colour = row.colour.map(|mut c| {
+            (c.integral.max, c.integral.psnr, c.bound) = (x, x, x);
+            c
+        });
+        let text = serde_json::to_string(&row).unwrap();
+        assert_eq!(serde_json::from_str::<Row>(&text).unwrap(), row);
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::html::{Cell, anchor, bytes, count, escape, figure, image, ms, number, paragraphs, table};
 use super::swatch;
-use crate::plots;
+use crate::plots::{self, Against};
 use crate::results::{Apart, Comparison, MODELS, Pictures, Row, Scene, Stat};
 use anyhow::Result;
 use std::fmt::Write;
@@ -66,16 +66,21 @@ fn comparison(s: &Scene, c: &Comparison, methods: &[String]) -> Result<String> {
             out.push_str(LEGEND);
         }
     }
-    if let Some(chart) = plots::time_against_error(&c.rows, methods)? {
-        let names: Vec<String> = (methods.iter().enumerate())
-            .filter(|(_, m)| c.rows.iter().any(|r| r.method == **m && r.reason.is_none()))
-            .map(|(i, m)| format!("{}{}", swatch(i), escape(m)))
-            .collect();
-        let caption = format!(
-            "{}. Each point is one setting of the knob that is swept; lower left is better. Hollow: the frame has missed, false or wrong \
-             hits, which the error of right hits does not show.",
-            names.join(" &nbsp; ")
-        );
+    let names: Vec<String> = (methods.iter().enumerate())
+        .filter(|(_, m)| c.rows.iter().any(|r| r.method == **m && r.reason.is_none()))
+        .map(|(i, m)| format!("{}{}", swatch(i), escape(m)))
+        .collect();
+    for against in [Against::Roots, Against::Peaks, Against::Integral] {
+        let Some(chart) = plots::time_against_error(&c.rows, methods, against)? else {
+            continue;
+        };
+        let hollow = match against {
+            Against::Roots => " Hollow: the frame has missed, false or wrong hits, which the error of right hits does not show.",
+            Against::Peaks => " Hollow: the frame has missed, false or wrong hits.",
+            Against::Integral => "",
+        };
+        let names = names.join(" &nbsp; ");
+        let caption = format!("{names}. Each point is one setting of the knob that is swept; lower left is better.{hollow}");
         out.push_str(&figure(&chart, &caption));
     }
     out.push_str(&colours(c, methods));
@@ -180,7 +185,11 @@ fn row(r: &Row, methods: &[String]) -> Vec<Cell> {
         Cell::count(k.unclaimed, false)
     });
     for x in [k.t_voxels.median, k.t_voxels.p99, k.t_voxels.max, k.normal_deg.p99] {
-        cells.push(Cell::new(number(x)));
+        cells.push(if k.right() > 0 {
+            Cell::new(number(x))
+        } else {
+            Cell::with("zero", "–")
+        });
     }
     cells.push(Cell::new(bytes(r.memory.iter().sum())));
     let work = if r.work_unit.is_empty() {
@@ -228,21 +237,27 @@ fn colours(c: &Comparison, methods: &[String]) -> String {
         head.push(("wrap", "against peaks and the integral between"));
         head.push(("wrap", "bias<small>of drawing peaks: of the two exact images</small>"));
     }
-    let bound = c.rows.iter().filter_map(|r| r.colour).map(|k| k.bound).fold(0.0, f64::max);
+    let bounds: Option<Vec<f64>> = c.rows.iter().filter_map(|r| r.colour).map(|k| k.bound).collect();
+    let proved = bounds.map_or_else(
+        || "not proved everywhere: where f64 cannot hold the integral there is no bound".to_owned(),
+        |b| format!("proved to {}, shading apart", number(b.into_iter().fold(0.0, f64::max))),
+    );
     table(&head, &body)
         + &format!(
             "<p class=\"note\">Differences of linear premultiplied colour and opacity: 99th percentile over pixels of the greatest difference of a channel; \
-             below it the greatest, pixels off by more than 1/255, and peak signal-to-noise ratio. The exact colours are proved to {}, shading apart.</p>\n",
-            number(bound)
+             below it the greatest, pixels off by more than 1/255, and peak signal-to-noise ratio. The exact colours are {proved}.</p>\n"
         )
 }
 
 fn apart(d: &Apart) -> Cell {
+    let (Some(p99), Some(max)) = (d.p99, d.max) else {
+        return Cell::with("reason", "colours that are no numbers");
+    };
     let psnr = d.psnr.map_or_else(|| "equal".to_owned(), |p| format!("{p:.1} dB"));
     Cell::new(format!(
         "{}<small>max {}, visible {}, {psnr}</small>",
-        number(d.p99),
-        number(d.max),
+        number(p99),
+        number(max),
         count(d.visible)
     ))
 }

@@ -1,13 +1,13 @@
-//! Tables 6.1 and 6.3 of Steinberger's thesis beside what `octree/cpu` counts.
+//! Tables 6.1 and 6.3 of Steinberger's thesis beside what `octree/cpu` takes and counts.
 
 use super::html::{Cell, anchor, escape, number, table};
 use crate::results::{Comparison, Row, Scene};
 use crate::steinberger::Steinberger;
 use crate::steinberger::stages::{DEGREES, KERNELS_6_1, PRINTED_6_1, PRINTED_6_3, STAGES};
+use isobar_octree::stages::Laps;
 use std::fmt::Write;
 
-/// The method that counts the stages.
-const METHOD: &str = "octree/cpu";
+use crate::measure::STAGED as METHOD;
 
 pub(super) fn section(s: &Steinberger, scenes: &[Scene]) -> String {
     let counted = counted(scenes);
@@ -29,10 +29,13 @@ pub(super) fn section(s: &Steinberger, scenes: &[Scene]) -> String {
         ];
         out.push_str(&table(&head, &counted));
     }
+    out.push_str(&clocked(scenes));
     out.push_str(
-        "<p>The thesis clocked its stages; <code>octree/cpu</code> counts the work of each and has no clock in them, since the rays of a packet are in \
-         different stages at once. So our stages have counts per ray of the image and only the whole frame has a time. Composition and root finding are \
-         one column: a cell whose Bernstein coefficients show no change of sign ends there. Not here: Table 6.1 for a whole frame, since no method in this table draws a \
+        "<p><code>octree/cpu</code> has no clock in it, since the rays of a packet are in different stages at once: in its frames work is counted, per ray of the \
+         image. Composition and root finding are one column there: a cell whose Bernstein coefficients show no change of sign ends there. The times of the \
+         stages are of one thread, of frames drawn tile by tile with a clock between the tile's parts, two of which are taken apart by doing one of their \
+         stages again; these frames too were held against the certified roots, and have no wrong pixel. <i>Composition + load</i> holds where rays enter \
+         and leave cells, and the signs. Not here: Table 6.1 for a whole frame, since no method in this table draws a \
          polynomial as it is; Table 6.2, whose scenes are definitions of their own (<i>Scenes of papers</i>); Table 6.4, since nothing renders from levels of wavelets \
          yet.</p>\n",
     );
@@ -73,14 +76,8 @@ fn line(s: &Scene, c: &Comparison, r: &Row) -> Option<Vec<Cell>> {
     let per = |x: f64| Cell::new(number(x / rays));
     // Degree 1 composes a cubic once; higher degrees compose in f32 and, in doubt, again in f64.
     let composed = find("cubics").or_else(|| find("compositions in f32"))?;
-    let title = format!(
-        "<a href=\"#{}\">{}</a><small>{}</small>",
-        anchor(&s.id),
-        escape(&s.title),
-        escape(&c.reconstruction)
-    );
     Some(vec![
-        Cell::with("text", title),
+        scene_cell(s, c),
         Cell::new(number(r.cpu.median * 1e3)),
         per(find("nodes")?),
         per(find("bricks")?),
@@ -89,6 +86,38 @@ fn line(s: &Scene, c: &Comparison, r: &Row) -> Option<Vec<Cell>> {
         find("compositions in f64").map_or_else(|| Cell::new("–"), per),
         per(r.checked.hits as f64),
     ])
+}
+
+/// The times of the stages of one thread, where they were clocked.
+fn clocked(scenes: &[Scene]) -> String {
+    let all = scenes.iter().flat_map(|s| s.comparisons.iter().map(move |c| (s, c)));
+    let rows: Vec<_> = all
+        .filter_map(|(s, c)| {
+            let stages = c.stages?;
+            let whole: f64 = stages.iter().sum();
+            let mut cells = vec![scene_cell(s, c)];
+            cells.extend(stages.map(|t| Cell::new(format!("{}<small>{:.1} %</small>", number(t * 1e3), 100.0 * t / whole))));
+            cells.push(Cell::new(number(whole * 1e3)));
+            Some(("", cells))
+        })
+        .collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    let mut head = vec![("text", "ms of one thread")];
+    head.extend(Laps::NAMES.map(|n| ("wrap", n)));
+    head.push(("", "all"));
+    table(&head, &rows)
+}
+
+fn scene_cell(s: &Scene, c: &Comparison) -> Cell {
+    let title = format!(
+        "<a href=\"#{}\">{}</a><small>{}</small>",
+        anchor(&s.id),
+        escape(&s.title),
+        escape(&c.reconstruction)
+    );
+    Cell::with("text", title)
 }
 
 /// What the two inner loops say about Table 6.1.
@@ -146,6 +175,7 @@ mod tests {
             comparisons: vec![Comparison {
                 reconstruction: "trilinear".into(),
                 rows: vec![row],
+                stages: Some([0.0005, 0.0075, 0.001, 0.0005, 0.0005, 0.0]),
                 ..Comparison::default()
             }],
             ..Scene::default()
@@ -155,7 +185,8 @@ mod tests {
             text.contains("&lt;Bucky&gt;") && text.contains(">12.0<") && text.contains(">0.400<"),
             "{text}"
         );
-        assert!(text.contains("224") && text.contains("no clock in them"));
+        assert!(text.contains("224") && text.contains("no clock in it"));
+        assert!(text.contains("rootfind") && text.contains("7.50<small>75.0 %"), "{text}");
         let none = Row { counters: vec![], ..row };
         assert_eq!(section(&Steinberger::default(), &[scene(none)]), "");
     }

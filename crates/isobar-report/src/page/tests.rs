@@ -1,7 +1,7 @@
 use super::*;
 use crate::results::{
-    Checked, Comparison, Elsewhere, Matrix, MatrixRow, MatrixTable, Pictures, Row, Scene, Spread, Stat, Truth, Verdict,
-    VerdictKind,
+    Apart, Checked, Colour, Comparison, Elsewhere, Matrix, MatrixRow, MatrixTable, Pictures, Row, Scene, Spread, Stat, Truth,
+    Verdict, VerdictKind,
 };
 
 fn row(method: &str, setting: &str, seconds: f64, missed: u64) -> Row {
@@ -111,6 +111,44 @@ fn the_page_says_who_wins_and_what_failed() {
     assert!(p.contains("ISOBAR_DATA is not set"));
     assert!(p.contains("known failure"));
     assert!(p.contains("certified: certified at 0.5") && p.contains("<code>crates/a.rs: banks</code>"));
+}
+
+/// Media are compared by colour, and not ranked among those compared by distance.
+#[test]
+fn media_have_a_table_of_colours() {
+    let mut r = report();
+    let apart = |p99| Apart {
+        p99: Some(p99),
+        max: Some(0.5),
+        visible: 7,
+        psnr: Some(40.0),
+    };
+    let colour = |peaks: Option<Apart>| Colour {
+        integral: apart(0.125),
+        peaks,
+        bound: Some(1e-11),
+        surfaces: peaks.is_some(),
+        ..Colour::default()
+    };
+    let mut drawn = row("a/cpu", "mode=default", 0.010, 0);
+    drawn.colour = Some(colour(Some(apart(0.0625))));
+    let mut alone = row("b/cpu", "mode=dvr_only", 0.010, 0);
+    (alone.colour, alone.checked.hits) = (Some(colour(None)), 0);
+    r.scenes[0].medium = Some("bench-data/tf/m.toml".into());
+    r.scenes[0].comparisons[0].rows = vec![drawn, alone];
+    let p = page(&r).unwrap();
+    assert!(
+        p.contains("No scene was measured") && p.contains("medium <code>bench-data/tf/m.toml</code>"),
+        "{p}"
+    );
+    assert!(
+        p.contains("0.0625<small>max 0.500, visible 7, 40.0 dB") && p.contains("0.125<small>"),
+        "{p}"
+    );
+    // Two references, two charts.
+    assert!(p.contains("error of colour against peaks") && p.contains("error of colour against the integral"));
+    r.scenes[0].comparisons[0].rows[0].colour = Some(Colour::default());
+    assert!(page(&r).unwrap().contains("no numbers"));
 }
 
 #[test]

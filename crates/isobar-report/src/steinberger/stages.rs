@@ -1,7 +1,7 @@
 //! Tables 6.1 and 6.3 of Steinberger's thesis: the stages of a frame.
 //!
-//! The thesis clocked its stages. `octree/cpu` counts the work of each stage and has no clocks in them: eight rays of a packet are in different stages at
-//! once. So the counts stand beside the thesis's times, and no time is split that was not measured.
+//! The thesis clocked its stages. So does `isobar_octree::stages`, tile by tile on one thread, since the rays of a packet are in different stages at once; `octree/cpu`
+//! itself has no clock in it and counts the work of each stage.
 
 /// Degrees of the columns.
 pub const DEGREES: [&str; 3] = ["tri-linear", "tri-square", "tri-cubic"];

@@ -160,3 +160,27 @@ fn packets_draw_almost_all_of_a_frame() {
         assert!(hits > 1000 && alone <= 512, "{spec}: {alone} of {hits} alone");
     }
 }
+
+/// Where rounding spoils the camera's axes (an `up` whose square underflows, or almost along the line of sight) or the focal length is infinite, rectangles on the
+/// screen mean nothing: every ray goes alone.
+#[test]
+fn views_that_rounding_spoils_go_alone() {
+    let data = Arc::new("marschner-lobb,n=24".parse::<Synthetic>().unwrap().data().unwrap());
+    let bench = View::bench(48, 36);
+    let Camera::Perspective { eye, target, .. } = bench.camera else {
+        panic!("the bench view is a perspective");
+    };
+    let sight = (target - eye).normalize();
+    let view = |up: DVec3, fov: f64| View::perspective(eye, target, up, fov, 48, 36);
+    let views = [
+        view(DVec3::new(0.0, 0.0, 1e-161), 40.0),
+        view(DVec3::new(0.0, 0.0, 3e-162), 40.0),
+        view(sight + DVec3::new(0.6e-11, -1e-11, 1.4e-11), 0.1),
+        view(DVec3::Z, 1e-310),
+    ];
+    for (i, view) in views.iter().enumerate() {
+        view.validate().unwrap();
+        let (_, alone) = agree(&format!("view {i}"), &data, 0.5, view);
+        assert_eq!(alone, 48 * 36, "view {i}");
+    }
+}

@@ -67,7 +67,7 @@ pub(crate) struct CubeSize {
 }
 
 impl Projection {
-    /// `None` for lists of rays.
+    /// `None` for lists of rays, and views whose axes f64 does not hold as orthonormal: their rays go alone.
     pub(crate) fn new(view: &View, space: &Space) -> Option<Self> {
         let (eye, target, up) = match &view.camera {
             Camera::Rays(_) => return None,
@@ -77,6 +77,15 @@ impl Projection {
         let forward = (target - eye).normalize();
         let right = forward.cross(up).normalize();
         let up = right.cross(forward);
+        // The expressions below take these as orthonormal, as they are but for views that rounding spoils: `up` almost along the line of sight, or so short that its square underflows.
+        let off = [
+            forward.length_squared() - 1.0,
+            right.length_squared() - 1.0,
+            right.dot(forward),
+        ];
+        if off.iter().any(|v| v.is_nan() || v.abs() > 5e-14) {
+            return None;
+        }
         let (width, height) = (view.width as f64, view.height as f64);
         let (scale, parallel) = match view.camera {
             Camera::Perspective { fov, .. } => ((fov.to_radians() * 0.5).tan(), false),
@@ -109,12 +118,14 @@ impl Projection {
         } else {
             (focal + width + height) * size
         };
-        Some(Self {
+        let error = 1024.0 * f64::EPSILON * steps;
+        // An infinite focal length leaves no number to compare.
+        (error < 1e100).then(|| Self {
             x: centred(row(right, focal), 0.5 * width - 0.5),
             y: centred(row(up, -focal), 0.5 * height - 0.5),
             depth: w.slope(0.0, &w),
             w,
-            error: 1024.0 * f64::EPSILON * steps,
+            error,
         })
     }
 

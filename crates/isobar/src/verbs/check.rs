@@ -66,7 +66,7 @@ pub fn run(args: &CheckArgs) -> Result<Answer> {
         .map(|p| surfaces::load_transfer(p, (hi - lo).max_element()))
         .transpose()?;
     let job = Job {
-        judged: checking::judged(method, &surfaces, medium.as_ref()),
+        judged: checking::judged(method, &request.knobs, &surfaces, medium.as_ref()),
         medium,
         args,
         method,
@@ -181,10 +181,9 @@ impl Job<'_> {
             .with_context(|| format!("check {}", self.args.method))
         };
         let integral = exact(Reference::Integral)?;
-        let peaks = checking::draws_peaks(self.method)
-            .then(|| exact(Reference::Peaks))
-            .transpose()?;
-        Ok(ColourCheck::of(frame, &integral, peaks.as_ref())?)
+        let reference = checking::peaks_reference(self.method, &self.request.knobs);
+        let peaks = reference.map(exact).transpose()?;
+        Ok(ColourCheck::of(frame, &integral, reference.zip(peaks.as_ref()))?)
     }
 
     fn one_view(&self) -> Result<Answered> {
