@@ -94,6 +94,43 @@ impl Level {
         }
         kernel.run()
     }
+
+    /// Runs a kernel compiled for [`Level::Avx2`] alone: for kernels whose types hold registers of that level, which [`Level::run`] would
+    /// compile for the two others as well.
+    ///
+    /// # Panics
+    /// Where the machine lacks the level.
+    #[cfg(target_arch = "x86_64")]
+    #[inline]
+    pub fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
+        assert!(Self::Avx2.is_available(), "a kernel for AVX2 on a machine without it");
+        #[expect(
+            unsafe_code,
+            reason = "calling a function compiled for features the line above has detected"
+        )]
+        // SAFETY: `is_available` has checked every feature that `avx2` enables.
+        unsafe {
+            avx2(kernel)
+        }
+    }
+
+    /// As [`Level::run_avx2`], for [`Level::Avx512`].
+    ///
+    /// # Panics
+    /// Where the machine lacks the level.
+    #[cfg(target_arch = "x86_64")]
+    #[inline]
+    pub fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
+        assert!(Self::Avx512.is_available(), "a kernel for AVX-512 on a machine without it");
+        #[expect(
+            unsafe_code,
+            reason = "calling a function compiled for features the line above has detected"
+        )]
+        // SAFETY: `is_available` has checked every feature that `avx512` enables.
+        unsafe {
+            avx512(kernel)
+        }
+    }
 }
 
 #[cfg(target_arch = "x86_64")]

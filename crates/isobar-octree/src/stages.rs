@@ -251,8 +251,8 @@ fn linear(level: Level, mut tile: DrawTile<'_, '_, f32>) -> Laps {
 fn clocked<W: Clocked>(level: Level, what: &mut W, place: &Place<'_>, view: &Projection, laps: &mut Laps) -> RaySet {
     with_packet(|packet| {
         macro_rules! run {
-            ($lanes:ty) => {
-                level.run(Run::<$lanes, W> {
+            ($run:path, $lanes:ty) => {
+                $run(Run::<$lanes, W> {
                     what,
                     packet,
                     place,
@@ -265,10 +265,10 @@ fn clocked<W: Clocked>(level: Level, what: &mut W, place: &Place<'_>, view: &Pro
         // `level` is one this machine has, and `run` compiles for its features.
         match level {
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => run!(packet_lanes::Avx512),
+            Level::Avx512 => run!(Level::run_avx512, packet_lanes::Avx512),
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => run!(packet_lanes::Avx2),
-            _ => run!(packet_lanes::Plain),
+            Level::Avx2 => run!(Level::run_avx2, packet_lanes::Avx2),
+            _ => run!(Kernel::run, packet_lanes::Plain),
         }
     })
 }

@@ -46,9 +46,9 @@ fn run<const D: usize, const STRETCH: bool>(level: Level, packets: &[Packet<'_>]
     // Features are detected before a type that needs them is used.
     match Level::best(level) {
         #[cfg(target_arch = "x86_64")]
-        Level::Avx512 => Level::Avx512.run(Work::<x86::Zmm, D, STRETCH>::new(packets, out)),
+        Level::Avx512 => Level::run_avx512(Work::<x86::Zmm, D, STRETCH>::new(packets, out)),
         #[cfg(target_arch = "x86_64")]
-        Level::Avx2 => Level::Avx2.run(Work::<x86::TwoYmm, D, STRETCH>::new(packets, out)),
+        Level::Avx2 => Level::run_avx2(Work::<x86::TwoYmm, D, STRETCH>::new(packets, out)),
         _ => Work::<Lanes<WIDTH>, D, STRETCH>::new(packets, out).run(),
     }
 }

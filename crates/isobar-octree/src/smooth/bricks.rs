@@ -10,7 +10,7 @@ use super::lattice::{Coefficient, Lattice};
 use super::vector::{Isa, Register};
 use crate::bricks::{SIDE, bit};
 use crate::walk::Bounds;
-use isobar_cpu::{Kernel, Level};
+use isobar_cpu::Kernel;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -178,20 +178,14 @@ impl Active {
 /// themselves rounded, 7u: 22u of the greatest difference. The range of a cell is widened by 32u.
 #[cold]
 #[inline(never)]
-pub(crate) fn active_cells<S: Spline, I: Isa>(
-    level: Level,
-    lattice: &Lattice<'_>,
-    cells: [i32; 3],
-    brick: [i32; 3],
-    bounds: &[Bounds],
-) -> u64 {
+pub(crate) fn active_cells<S: Spline, I: Isa>(lattice: &Lattice<'_>, cells: [i32; 3], brick: [i32; 3], bounds: &[Bounds]) -> u64 {
     let (reference, block) = lattice.block(brick.map(|b| b << 2), SIDE + S::DEGREE);
     let kernel = CellHulls::<S, I> {
         reference,
         block: &block,
         kind: std::marker::PhantomData,
     };
-    let hulls = level.run(kernel);
+    let hulls = I::run(kernel);
     let mut mask = 0;
     let n: [i32; 3] = std::array::from_fn(|a| (cells[a] - (brick[a] << 2)).min(SIDE as i32));
     for k in 0..n[2] {
@@ -332,6 +326,7 @@ mod tests {
     use crate::smooth::lattice::Values;
     use crate::smooth::vector::Portable;
     use isobar_core::{Function, Grid, Samples, Stage};
+    use isobar_cpu::Level;
     use isobar_fields::{Border, GridSpline, Kind};
 
     /// A cell is active where values in it straddle the isovalue, and not where the coefficients' hull excludes it, also where sizes divide nothing
@@ -362,7 +357,7 @@ mod tests {
                 let w = ((brick[2] >> 2) as usize * active.dims[1] + (brick[1] >> 2) as usize) * active.dims[0]
                     + (brick[0] >> 2) as usize;
                 let b = bit(brick);
-                let make = || active_cells::<S, Portable>(Level::Scalar, &lattice, cells, brick, &bounds);
+                let make = || active_cells::<S, Portable>(&lattice, cells, brick, &bounds);
                 let is = active.first[w].0 >> b & 1 == 1 && active.cells(w, b, make) >> bit(cell) & 1 == 1;
                 let d = lattice.doubles::<S>(cell, 0.0);
                 let stencil = &d[..(S::DEGREE + 1).pow(3)];
@@ -407,11 +402,11 @@ mod tests {
         };
         let bounds = [Bounds::new(120.5, 0.0, (0.0, 255.0))];
         let with = |level: Level, brick| match level {
-            Level::Scalar => active_cells::<Cubic, Portable>(level, &lattice, [22, 8, 10], brick, &bounds),
+            Level::Scalar => active_cells::<Cubic, Portable>(&lattice, [22, 8, 10], brick, &bounds),
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => active_cells::<Cubic, crate::smooth::vector::Avx2>(level, &lattice, [22, 8, 10], brick, &bounds),
+            Level::Avx2 => active_cells::<Cubic, crate::smooth::vector::Avx2>(&lattice, [22, 8, 10], brick, &bounds),
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => active_cells::<Cubic, crate::smooth::vector::Avx512>(level, &lattice, [22, 8, 10], brick, &bounds),
+            Level::Avx512 => active_cells::<Cubic, crate::smooth::vector::Avx512>(&lattice, [22, 8, 10], brick, &bounds),
             #[cfg(not(target_arch = "x86_64"))]
             _ => unreachable!(),
         };

@@ -313,7 +313,7 @@ impl Search<'_> {
         way.work.bricks += 1;
         let cells = self.space.cells;
         let mask = self.active.cells(word[0], word[1] as u32, || {
-            active_cells::<S, I>(self.level, &self.lattice, cells, brick, self.bounds)
+            active_cells::<S, I>(&self.lattice, cells, brick, self.bounds)
         });
         if mask == 0 {
             return true;

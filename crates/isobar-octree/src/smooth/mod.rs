@@ -243,7 +243,7 @@ fn draw_clocked<S: Spline>(search: &Search<'_>, mut job: Job<'_, '_>, laps: &mut
 fn alone<S: Spline>(search: &Search<'_>, job: Job<'_, '_>, rays: Option<RaySet>) -> Work {
     macro_rules! run {
         ($isa:ty) => {
-            search.level.run(DrawTile::<S, $isa> {
+            <$isa as vector::Isa>::run(DrawTile::<S, $isa> {
                 search,
                 view: job.view,
                 surfaces: job.surfaces,

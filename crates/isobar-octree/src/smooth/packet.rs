@@ -290,7 +290,7 @@ impl<S: Spline, I: Isa> Cells for SmoothCells<'_, S, I> {
         let search = self.search;
         let word = search.active.word_of(three(|a| brick[a] >> 2));
         search.active.cells(word, bit(brick), || {
-            active_cells::<S, I>(search.level, &search.lattice, search.space.cells, brick, search.bounds)
+            active_cells::<S, I>(&search.lattice, search.space.cells, brick, search.bounds)
         })
     }
 

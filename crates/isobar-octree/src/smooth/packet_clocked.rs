@@ -25,7 +25,7 @@ pub(super) fn draw<S: Spline>(search: &Search<'_>, job: &mut Job<'_, '_>, laps: 
     Some(with_packet(|packet| {
         macro_rules! run {
             ($lanes:ty, $isa:ty) => {
-                search.level.run(Run::<$lanes, Hits<'_, '_, '_, S, $isa>> {
+                <$isa>::run(Run::<$lanes, Hits<'_, '_, '_, S, $isa>> {
                     what: &mut Hits {
                         tile: Tile {
                             search,

@@ -4,6 +4,7 @@
 //! fused, so that all levels give the same bits; f32 is fused on AVX-512, because it only sorts out cells in which a bound that holds either way
 //! proves that there is no root.
 
+use isobar_cpu::Kernel;
 use std::fmt::Debug;
 
 /// f32 or f64.
@@ -224,6 +225,8 @@ pub(crate) trait Isa: Copy + Debug + Send + Sync + 'static {
     type Single16: Vector<Scalar = f32>;
     type Double8: Vector<Scalar = f64>;
     type Double16: Vector<Scalar = f64>;
+    /// Runs a kernel with these vectors in it, compiled for their instruction set and no other.
+    fn run<K: Kernel>(kernel: K) -> K::Output;
 }
 
 /// Any processor.
@@ -234,6 +237,10 @@ impl Isa for Portable {
     type Single16 = Wide<f32, 16>;
     type Double8 = Wide<f64, 8>;
     type Double16 = Wide<f64, 16>;
+    #[inline]
+    fn run<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run()
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -243,6 +250,7 @@ pub(crate) use x86::{Avx2, Avx512};
 #[expect(unsafe_code, reason = "vector instructions of the processor; see the rule at `Register`")]
 mod x86 {
     use super::{Isa, Register, Wide};
+    use isobar_cpu::{Kernel, Level};
     use std::arch::x86_64::*;
 
     /// An intrinsic, called under the rule at [`Register`].
@@ -376,6 +384,10 @@ mod x86 {
         type Single16 = Wide<Single, 2>;
         type Double8 = Wide<Double, 2>;
         type Double16 = Wide<Double, 4>;
+        #[inline]
+        fn run<K: Kernel>(kernel: K) -> K::Output {
+            Level::run_avx2(kernel)
+        }
     }
 
     /// AVX-512 F, VL and DQ.
@@ -386,5 +398,9 @@ mod x86 {
         type Single16 = Wide<Single512, 1>;
         type Double8 = Wide<Double512, 1>;
         type Double16 = Wide<Double512, 2>;
+        #[inline]
+        fn run<K: Kernel>(kernel: K) -> K::Output {
+            Level::run_avx512(kernel)
+        }
     }
 }
