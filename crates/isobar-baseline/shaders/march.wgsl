@@ -68,15 +68,6 @@ fn find(p: vec3<f32>, direction: vec3<f32>) -> Found {
     return Found(false, coarse.x, ahead(p, direction, c, params.coarse_side));
 }
 
-// A unit vector along v; zero where v vanishes. Scaled first, so that no square overflows or vanishes.
-fn unit(v: vec3<f32>) -> vec3<f32> {
-    let largest = max(abs(v.x), max(abs(v.y), abs(v.z)));
-    if largest > 0.0 {
-        return normalize(v / largest);
-    }
-    return vec3(0.0);
-}
-
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let count = arrayLength(&pixels);

@@ -41,34 +41,6 @@ struct Ray {
     unused: f32,
 }
 
-// An isovalue less the bias, with its surface; ascending.
-struct Level {
-    value: f32,
-    opacity: f32,
-    surface: u32,
-    unused: u32,
-    colour: vec3<f32>,
-    unused_1: f32,
-}
-
-struct Hit {
-    // voxels behind the entry
-    u: f32,
-    surface: u32,
-    normal_x: f32,
-    normal_y: f32,
-    normal_z: f32,
-}
-
-struct Pixel {
-    red: f32,
-    green: f32,
-    blue: f32,
-    alpha: f32,
-    hits: u32,
-    work: u32,
-}
-
 // Bits of Params.flags.
 const SKIP: u32 = 1u;
 const COUNT_ALL: u32 = 2u;

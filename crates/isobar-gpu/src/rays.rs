@@ -46,8 +46,21 @@ pub struct ToIndex {
 pub struct Entry {
     /// Parameter of the entry.
     pub t: f64,
-    /// Half voxels per unit of t.
+    /// Units of u per unit of t: half voxels for a [`FixedRay`].
     pub speed: f64,
+}
+
+/// The part of a ray that is drawn, in index space.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Part {
+    /// The ray's origin.
+    pub origin: DVec3,
+    /// Its direction, per unit of t; not zero.
+    pub direction: DVec3,
+    /// Parameter of the entry.
+    pub t0: f64,
+    /// Parameter of the exit, not before the entry.
+    pub t1: f64,
 }
 
 const MISS: FixedRay = FixedRay {
@@ -74,6 +87,12 @@ impl ToIndex {
         }
     }
 
+    /// The domain.
+    #[must_use]
+    pub const fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
     fn vector(&self, v: DVec3) -> DVec3 {
         self.diagonal.map_or_else(|| self.inverse * v, |d| v / d)
     }
@@ -93,19 +112,17 @@ impl ToIndex {
         }
     }
 
-    /// The part of a ray inside the domain and inside `kept` (what clipping planes leave of t >= 0), as the device sees it.
+    /// The part of a ray inside the domain and inside `kept` (what clipping planes leave of t >= 0); `None` where there is none.
     #[must_use]
-    pub fn ray(&self, r: &WorldRay, kept: Option<(f64, f64)>) -> (FixedRay, Entry) {
-        let Some((mut t0, mut t1)) = kept else {
-            return (MISS, Entry::default());
-        };
+    pub fn part(&self, r: &WorldRay, kept: Option<(f64, f64)>) -> Option<Part> {
+        let (mut t0, mut t1) = kept?;
         let o = self.vector(r.origin - self.domain.origin);
         let d = self.vector(r.direction);
         let last = self.domain.hi;
         for a in 0..3 {
             if d[a] == 0.0 {
                 if o[a] < 0.0 || o[a] > last[a] {
-                    return (MISS, Entry::default());
+                    return None;
                 }
                 continue;
             }
@@ -113,9 +130,32 @@ impl ToIndex {
             t0 = t0.max(p.min(q));
             t1 = t1.min(p.max(q));
         }
+        let speed = d.length();
+        let is_some = t0 <= t1 && t1.is_finite() && speed > 0.0 && speed.is_finite();
+        is_some.then_some(Part {
+            origin: o,
+            direction: d,
+            t0,
+            t1,
+        })
+    }
+
+    /// [`ToIndex::part`] as the device sees it.
+    #[must_use]
+    pub fn ray(&self, r: &WorldRay, kept: Option<(f64, f64)>) -> (FixedRay, Entry) {
+        let Some(Part {
+            origin: o,
+            direction: d,
+            t0,
+            t1,
+        }) = self.part(r, kept)
+        else {
+            return (MISS, Entry::default());
+        };
+        let last = self.domain.hi;
         let speed = 2.0 * d.length();
         let length = (t1 - t0) * speed;
-        if !(t0 <= t1 && speed > 0.0 && speed.is_finite() && length < MOST_LENGTH) {
+        if length.is_nan() || length >= MOST_LENGTH {
             return (MISS, Entry::default());
         }
         let entry = (o + d * t0).clamp(DVec3::ZERO, last) + self.shift;
@@ -141,16 +181,7 @@ impl ToIndex {
     /// The rays of some rows of a rectangle, row by row; parallel on the caller's pool.
     #[must_use]
     pub fn rows(&self, view: &View, rectangle: Rectangle, y: usize, rows: usize) -> (Vec<FixedRay>, Vec<Entry>) {
-        let generator = view.generator();
-        let w = rectangle.width;
-        (0..rows * w)
-            .into_par_iter()
-            .with_min_len(1024)
-            .map(|i| {
-                let ray = generator.ray(rectangle.x + i % w, y + i / w);
-                self.ray(&ray, generator.kept(&ray))
-            })
-            .unzip()
+        rectangle.rows(view, y, rows, |ray, kept| self.ray(ray, kept))
     }
 }
 
@@ -174,16 +205,42 @@ pub struct Rectangle {
 }
 
 impl Rectangle {
-    /// The bounding rectangle of the projected domain (Steinberger 2010, section 3.3), a pixel wider on every side; the whole image for lists of
-    /// rays and where a corner of the domain does not lie in front of the eye.
+    /// What `of` makes of the rays of rows `y..y + rows` of the image and of the part of each that clipping planes keep, row by row; parallel on the caller's pool.
     #[must_use]
-    pub fn of(view: &View, domain: &Domain) -> Self {
-        let whole = Self {
+    pub fn rows<R: Send>(
+        self,
+        view: &View,
+        y: usize,
+        rows: usize,
+        of: impl Fn(&WorldRay, Option<(f64, f64)>) -> (R, Entry) + Sync,
+    ) -> (Vec<R>, Vec<Entry>) {
+        let generator = view.generator();
+        (0..rows * self.width)
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|i| {
+                let ray = generator.ray(self.x + i % self.width, y + i / self.width);
+                of(&ray, generator.kept(&ray))
+            })
+            .unzip()
+    }
+
+    /// All of the image.
+    #[must_use]
+    pub const fn whole(view: &View) -> Self {
+        Self {
             x: 0,
             y: 0,
             width: view.width,
             height: view.height,
-        };
+        }
+    }
+
+    /// The bounding rectangle of the projected domain (Steinberger 2010, section 3.3), a pixel wider on every side; the whole image for lists of
+    /// rays and where a corner of the domain does not lie in front of the eye.
+    #[must_use]
+    pub fn of(view: &View, domain: &Domain) -> Self {
+        let whole = Self::whole(view);
         let (eye, target, up, scale, perspective) = match view.camera {
             Camera::Rays(_) => return whole,
             Camera::Perspective { eye, target, up, fov } => (eye, target, up, (fov.to_radians() * 0.5).tan(), true),

@@ -15,13 +15,27 @@ pub type Snippets = &'static [(&'static str, &'static str)];
 /// - `volume_f32`, `volume_u32`, `volume_i32`: declare the 3D texture `volume` at group 0, binding 0, and
 ///   `fn texel(p: vec3<i32>) -> f32`, one sample, exactly;
 /// - `fixed_ray`: `struct FixedRay`, as [`crate::rays::FixedRay`], and its points and direction in f32 about any cell;
-/// - `shade`: `fn shade(colour, normal, direction) -> vec3<f32>`, the twin of `isobar_core::shade`, and `fn over(front, back)`.
+/// - `shade`: `fn shade(colour, normal, direction) -> vec3<f32>`, the twin of `isobar_core::shade`, and `fn over(front, back)`;
+/// - `unit`: `fn unit(v: vec3<f32>) -> vec3<f32>`, zero for zero;
+/// - `bands`: `struct Level` and `struct Pixel`, as [`crate::levels::Level`] and [`crate::bands::Pixel`]; `hit`: `struct Hit`, as [`crate::bands::Hit`];
+/// - `coefficient`: `fn coefficient(p: vec3<i32>) -> f32`, a texel less the bias, of a uniform `params` with `bias_hi` and `bias_lo`;
+/// - `trilinear`, `quadratic`, and `cubic` after `cubic_weights` (or other `weights` and `slopes`): `fn value(u: vec3<f32>) -> f32` and
+///   `fn gradient(u: vec3<f32>) -> vec3<f32>` in index space, from `coefficient` and `params.last`, the index of the last sample. Above degree 1 the texture
+///   has one texel more on every side.
 pub const SHARED: Snippets = &[
     ("volume_f32", include_str!("../shaders/volume_f32.wgsl")),
     ("volume_u32", include_str!("../shaders/volume_u32.wgsl")),
     ("volume_i32", include_str!("../shaders/volume_i32.wgsl")),
     ("fixed_ray", include_str!("../shaders/fixed_ray.wgsl")),
     ("shade", include_str!("../shaders/shade.wgsl")),
+    ("unit", include_str!("../shaders/unit.wgsl")),
+    ("bands", include_str!("../shaders/bands.wgsl")),
+    ("hit", include_str!("../shaders/hit.wgsl")),
+    ("coefficient", include_str!("../shaders/coefficient.wgsl")),
+    ("trilinear", include_str!("../shaders/trilinear.wgsl")),
+    ("quadratic", include_str!("../shaders/quadratic.wgsl")),
+    ("cubic_weights", include_str!("../shaders/cubic_weights.wgsl")),
+    ("cubic", include_str!("../shaders/cubic.wgsl")),
 ];
 
 /// Joins the snippets `names`, in order, looked up in `tables`, the first table first.
@@ -67,10 +81,66 @@ mod tests {
 
     #[test]
     fn shared_snippets_are_portable() {
+        const PARAMS: &[(&str, &str)] = &[(
+            "params",
+            "struct Params { last: vec3<f32>, bias_hi: f32, bias_lo: f32 }
+            @group(0) @binding(1) var<uniform> params: Params;",
+        )];
         for (name, _) in SHARED {
-            let source = compose(&[SHARED], &[name]).unwrap();
+            let names: &[&str] = match *name {
+                "coefficient" => &["params", "volume_f32", "coefficient"],
+                "trilinear" => &["params", "volume_u32", "coefficient", "trilinear"],
+                "quadratic" => &["params", "volume_i32", "coefficient", "quadratic"],
+                "cubic" => &["params", "volume_f32", "coefficient", "cubic_weights", "cubic"],
+                _ => &[name],
+            };
+            let source = compose(&[PARAMS, SHARED], names).unwrap();
             validate(name, &source).unwrap();
         }
+    }
+
+    /// Size and member offsets of a structure of a snippet, as naga lays it out.
+    fn laid_out(snippet: &str, name: &str) -> (u32, Vec<u32>) {
+        let module = naga::front::wgsl::parse_str(&compose(&[SHARED], &[snippet]).unwrap()).unwrap();
+        let (_, found) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).unwrap();
+        match &found.inner {
+            naga::TypeInner::Struct { members, span } => (*span, members.iter().map(|m| m.offset).collect()),
+            other => panic!("{name} is {other:?}"),
+        }
+    }
+
+    #[test]
+    fn structures_are_laid_out_as_in_wgsl() {
+        use crate::bands::{Hit, Pixel};
+        use crate::levels::Level;
+        use std::mem::offset_of;
+        let of = |snippet: &str, name: &str, size: usize, offsets: &[usize]| {
+            let (span, found) = laid_out(snippet, name);
+            let found: Vec<usize> = found.into_iter().map(|o| o as usize).collect();
+            assert_eq!((span as usize, found.as_slice()), (size, offsets), "{name}");
+        };
+        let level = [
+            offset_of!(Level, value),
+            offset_of!(Level, opacity),
+            offset_of!(Level, surface),
+            offset_of!(Level, unused),
+            offset_of!(Level, colour),
+            offset_of!(Level, unused_1),
+        ];
+        of("bands", "Level", size_of::<Level>(), &level);
+        let rgba = offset_of!(Pixel, rgba);
+        let pixel = [
+            rgba,
+            rgba + 4,
+            rgba + 8,
+            rgba + 12,
+            offset_of!(Pixel, hits),
+            offset_of!(Pixel, work),
+        ];
+        of("bands", "Pixel", size_of::<Pixel>(), &pixel);
+        let normal = offset_of!(Hit, normal);
+        let hit = [offset_of!(Hit, u), offset_of!(Hit, surface), normal, normal + 4, normal + 8];
+        of("hit", "Hit", size_of::<Hit>(), &hit);
     }
 
     #[test]

@@ -60,6 +60,33 @@ impl Texel {
     }
 }
 
+/// What is uploaded, x fastest.
+#[derive(Debug, Clone, Copy)]
+pub enum Texels<'a> {
+    /// Samples, in their own type.
+    Samples(&'a Samples),
+    /// Coefficients in f32.
+    F32(&'a [f32]),
+}
+
+impl<'a> Texels<'a> {
+    /// Their type and bytes.
+    fn bytes(self) -> (Texel, &'a [u8]) {
+        match self {
+            Self::Samples(s) => (
+                Texel::of(s),
+                match s {
+                    Samples::U8(s) => s,
+                    Samples::U16(s) => bytemuck::cast_slice(s),
+                    Samples::I16(s) => bytemuck::cast_slice(s),
+                    Samples::F32(s) => bytemuck::cast_slice(s),
+                },
+            ),
+            Self::F32(s) => (Texel::F32, bytemuck::cast_slice(s)),
+        }
+    }
+}
+
 /// Samples on the device as a 3D texture, x fastest, read by explicit loads.
 #[derive(Debug, Clone)]
 pub struct Volume {
@@ -164,20 +191,56 @@ impl Gpu {
     /// # Panics
     /// When the samples are not as many as `dims` says.
     pub fn upload(&self, what: &str, dims: [usize; 3], samples: &Samples) -> Result<Volume, GpuError> {
+        self.upload_bordered(what, dims, Texels::Samples(samples), 0, |i, _| i as usize)
+    }
+
+    /// [`Gpu::upload`] of samples or coefficients, with `pad` texels more on every side of each axis, so that shaders know no border: texel -1, for one, is that of index
+    /// `outside(-1, n)`, which lies in `0..n`.
+    ///
+    /// # Errors
+    /// As [`Gpu::upload`].
+    ///
+    /// # Panics
+    /// When the texels are not as many as `dims` says, or `outside` gives an index beyond them.
+    pub fn upload_bordered(
+        &self,
+        what: &str,
+        dims: [usize; 3],
+        texels: Texels<'_>,
+        pad: usize,
+        outside: impl Fn(isize, usize) -> usize,
+    ) -> Result<Volume, GpuError> {
+        let (texel, bytes) = texels.bytes();
+        let size = texel.bytes() as usize;
         assert_eq!(
-            samples.len(),
-            dims.iter().product::<usize>(),
-            "samples match their dimensions"
+            bytes.len(),
+            dims.iter().product::<usize>() * size,
+            "texels match their dimensions"
         );
-        let volume = self.volume(what, dims, Texel::of(samples))?;
-        let bytes: &[u8] = match samples {
-            Samples::U8(s) => s,
-            Samples::U16(s) => bytemuck::cast_slice(s),
-            Samples::I16(s) => bytemuck::cast_slice(s),
-            Samples::F32(s) => bytemuck::cast_slice(s),
-        };
-        let slice = dims[0] * dims[1] * volume.texel.bytes() as usize;
-        self.write_slices(&volume, bytes.chunks_exact(slice.max(1)))?;
+        let volume = self.volume(what, dims.map(|n| n + 2 * pad), texel)?;
+        let [nx, ny, nz] = dims;
+        if pad == 0 {
+            self.write_slices(&volume, bytes.chunks_exact((nx * ny * size).max(1)))?;
+            return Ok(volume);
+        }
+        let index = |i: usize, n: usize| outside(i as isize - pad as isize, n);
+        let columns: Vec<usize> = (0..nx + 2 * pad).map(|i| index(i, nx)).collect();
+        let slices = (0..nz + 2 * pad).map(|k| {
+            let slice = &bytes[index(k, nz) * nx * ny * size..][..nx * ny * size];
+            let mut padded = Vec::with_capacity((nx + 2 * pad) * (ny + 2 * pad) * size);
+            for j in 0..ny + 2 * pad {
+                let row = &slice[index(j, ny) * nx * size..][..nx * size];
+                for &i in &columns[..pad] {
+                    padded.extend_from_slice(&row[i * size..][..size]);
+                }
+                padded.extend_from_slice(row);
+                for &i in &columns[nx + pad..] {
+                    padded.extend_from_slice(&row[i * size..][..size]);
+                }
+            }
+            padded
+        });
+        self.write_slices(&volume, slices)?;
         Ok(volume)
     }
 
@@ -269,6 +332,27 @@ mod tests {
             assert_eq!(texels(&gpu, &v), want, "{}", samples.type_name());
             assert_eq!(v.bytes(), samples.bytes() as u64);
         }
+    }
+
+    #[test]
+    fn borders_are_written_out() {
+        let Some(gpu) = test_adapter("borders_are_written_out") else {
+            return;
+        };
+        let (dims, pad) = ([3usize, 2, 2], 1);
+        let samples: Vec<f32> = (0..12).map(|i| i as f32).collect();
+        // The border of this test goes round.
+        let round = |i: isize, n: usize| i.rem_euclid(n as isize) as usize;
+        let v = gpu
+            .upload_bordered("samples", dims, Texels::F32(&samples), pad, round)
+            .unwrap();
+        let [nx, ny, nz] = dims.map(|n| n + 2);
+        let at = |i: usize, n: usize| (i + n - 1) % n;
+        let want: Vec<f32> = (0..nx * ny * nz)
+            .map(|i| (i % nx, i / nx % ny, i / nx / ny))
+            .map(|(x, y, z)| samples[(at(z, dims[2]) * dims[1] + at(y, dims[1])) * dims[0] + at(x, dims[0])])
+            .collect();
+        assert_eq!(texels(&gpu, &v), want);
     }
 
     #[test]

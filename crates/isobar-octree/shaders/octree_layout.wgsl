@@ -46,16 +46,6 @@ struct Node {
     unused: u32,
 }
 
-// An isovalue less the bias, with its surface; ascending.
-struct Level {
-    value: f32,
-    opacity: f32,
-    surface: u32,
-    unused: u32,
-    colour: vec3<f32>,
-    unused_1: f32,
-}
-
 // A hit lies `whole + u` half voxels behind the entry.
 struct Hit {
     whole: u32,
@@ -64,15 +54,6 @@ struct Hit {
     normal_x: f32,
     normal_y: f32,
     normal_z: f32,
-}
-
-struct Pixel {
-    red: f32,
-    green: f32,
-    blue: f32,
-    alpha: f32,
-    hits: u32,
-    work: u32,
 }
 
 // Bits of Params.flags.

@@ -18,7 +18,6 @@ mod blocks;
 mod data;
 mod layout;
 mod programs;
-mod rays;
 mod renderer;
 #[cfg(test)]
 mod tests;

@@ -6,10 +6,6 @@ use isobar_gpu::{Gpu, GpuError, Kernel, Texel, shader};
 /// The snippets of `shaders/`, by name.
 pub(super) const SNIPPETS: shader::Snippets = &[
     ("march_layout", include_str!("../../shaders/march_layout.wgsl")),
-    ("coefficient", include_str!("../../shaders/coefficient.wgsl")),
-    ("trilinear", include_str!("../../shaders/trilinear.wgsl")),
-    ("quadratic", include_str!("../../shaders/quadratic.wgsl")),
-    ("cubic", include_str!("../../shaders/cubic.wgsl")),
     ("fetch", include_str!("../../shaders/fetch.wgsl")),
     ("trilinear_fetch", include_str!("../../shaders/trilinear_fetch.wgsl")),
     ("quadratic_fetch", include_str!("../../shaders/quadratic_fetch.wgsl")),
@@ -71,16 +67,16 @@ impl Program {
 
     /// WGSL of the kernel whose last snippet, `entry`, uses `value` and `gradient`.
     pub(super) fn source(self, tables: &[&[(&str, &str)]], entry: &str) -> Result<String, GpuError> {
-        let mut names = vec![self.snippet, "march_layout", "coefficient"];
+        let mut names = vec![self.snippet, "bands", "hit", "march_layout", "coefficient"];
         names.extend(match (self.degree, self.fetches) {
             (1, false) => &["trilinear"][..],
             (2, false) => &["quadratic"],
-            (_, false) => &["cubic"],
+            (_, false) => &["cubic_weights", "cubic"],
             (1, true) => &["fetch", "trilinear_fetch"],
             (2, true) => &["fetch", "quadratic_fetch"],
             (_, true) => &["fetch", "cubic_fetch"],
         });
-        names.extend(["shade", entry]);
+        names.extend(["shade", "unit", entry]);
         shader::compose(tables, &names)
     }
 

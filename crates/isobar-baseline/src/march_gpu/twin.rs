@@ -2,10 +2,11 @@
 //! march/cpu, in f64.
 
 use super::data;
-use super::layout::{Level, Ray};
+use super::layout::Ray;
 use super::programs::Filter;
 use isobar_core::Lattice;
 use isobar_fields::{Coefficients, GridSpline};
+use isobar_gpu::levels::Level;
 
 type V3 = [f32; 3];
 

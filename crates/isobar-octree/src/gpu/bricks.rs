@@ -4,8 +4,9 @@
 //! Steinberger 2010, section 3.3, with two octree levels at once as in `octree/cpu`: a node is a word of 4^3 bricks, a brick a word of 4^3 cells.
 //! Bounds of 8- and 16-bit samples are integers, told exactly.
 
-use super::layout::{Level, Node, Params};
+use super::layout::{Node, Params};
 use super::programs::Kernels;
+use isobar_gpu::levels::Level;
 use isobar_gpu::{Gpu, GpuError, Volume, wgpu};
 use rayon::prelude::*;
 

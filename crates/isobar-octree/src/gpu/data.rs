@@ -9,7 +9,7 @@ use isobar_core::{Data, DataError, Lattice as _, RenderError, Stage};
 use isobar_cpu::scene::grid;
 use isobar_fields::{Border, Coefficients, GridSpline, Kind};
 use isobar_gpu::rays::ToIndex;
-use isobar_gpu::{Gpu, Texel, Volume};
+use isobar_gpu::{Gpu, Texel, Texels, Volume};
 use std::sync::Arc;
 
 /// What is built for the data.
@@ -35,21 +35,15 @@ impl Prepared {
     pub(super) fn new(gpu: &Gpu, kernels: &Kernels, data: &Arc<Data>, kind: Kind) -> Result<Self, RenderError> {
         let grid = grid(&INFO, data)?;
         let spline = GridSpline::new(grid, kind, Stage::Stored)?;
-        let volume = match spline.coefficients() {
-            Coefficients::Samples(s) => gpu.upload("the volume", grid.dims, s)?,
-            Coefficients::F32(c) => {
-                let volume = gpu.volume("the volume", grid.dims, Texel::F32)?;
-                gpu.write_slices(
-                    &volume,
-                    c.chunks_exact(grid.dims[0] * grid.dims[1])
-                        .map(bytemuck::cast_slice::<f32, u8>),
-                )?;
-                volume
-            }
+        let texels = match spline.coefficients() {
+            Coefficients::Samples(s) => Texels::Samples(s),
+            Coefficients::F32(c) => Texels::F32(c),
             Coefficients::F64(_) => {
                 return Err(DataError::Unknown("coefficients in f64 are not drawn on the GPU".into()).into());
             }
         };
+        // The kernels know the border.
+        let volume = gpu.upload_bordered("the volume", grid.dims, texels, 0, |i, _| i as usize)?;
         let to_index = ToIndex::new(&grid.domain(), kind.basis().centred);
         let mut params = Params::zeroed();
         // Sides of a texture fit u32.

@@ -1,6 +1,7 @@
 //! Structures shared with `shaders/octree_layout.wgsl`; a test compares them with what naga makes of the WGSL.
 
 use bytemuck::{Pod, Zeroable};
+use isobar_gpu::bands::DeviceHit;
 use std::mem::offset_of;
 
 /// `Params`: one uniform for all kernels.
@@ -45,18 +46,6 @@ pub(super) struct Node {
     pub(super) unused: u32,
 }
 
-/// `Level`.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct Level {
-    pub(super) value: f32,
-    pub(super) opacity: f32,
-    pub(super) surface: u32,
-    pub(super) unused: u32,
-    pub(super) colour: [f32; 3],
-    pub(super) unused_1: f32,
-}
-
 /// `Hit`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
@@ -67,20 +56,24 @@ pub(super) struct Hit {
     pub(super) normal: [f32; 3],
 }
 
-/// `Pixel`.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct Pixel {
-    pub(super) rgba: [f32; 4],
-    pub(super) hits: u32,
-    pub(super) work: u32,
+impl DeviceHit for Hit {
+    fn along(&self) -> f64 {
+        f64::from(self.whole) + f64::from(self.u)
+    }
+
+    fn surface(&self) -> u32 {
+        self.surface
+    }
+
+    fn normal(&self) -> [f32; 3] {
+        self.normal
+    }
 }
 
 const _: () = {
     assert!(size_of::<Params>() == 160);
     assert!(offset_of!(Params, bias_hi) == 48 && offset_of!(Params, axes) == 64);
-    assert!(size_of::<Ray>() == 48 && size_of::<Node>() == 16 && size_of::<Level>() == 32);
-    assert!(size_of::<Hit>() == 24 && size_of::<Pixel>() == 24);
+    assert!(size_of::<Ray>() == 48 && size_of::<Node>() == 16 && size_of::<Hit>() == 24);
 };
 
 #[cfg(test)]
@@ -122,9 +115,7 @@ mod tests {
         same!(Ray { cell as "cell", length as "length", fraction as "fraction", rest as "rest", direction as "direction",
             fine as "fine" });
         same!(Node { lo as "lo", hi as "hi", first as "first" });
-        same!(Level { value as "value", opacity as "opacity", surface as "surface", colour as "colour" });
         same!(Hit { whole as "whole", u as "u", surface as "surface", normal as "normal_x" });
-        same!(Pixel { rgba as "red", hits as "hits", work as "work" });
     }
 
     #[test]

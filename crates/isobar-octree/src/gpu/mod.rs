@@ -17,7 +17,6 @@
 //! differential analyser instead of the parametric octree walk, fixed-point rays, the solver (`shaders/octree_solve.wgsl`).
 
 mod bricks;
-mod claims;
 mod data;
 mod generate;
 mod layout;

@@ -51,9 +51,9 @@ impl Program {
             generate::constants(self.degree)
         };
         let own: &[(&str, &str)] = &[("polynomial", &polynomial)];
-        let mut names = vec![self.snippet, "octree_layout", "polynomial"];
+        let mut names = vec![self.snippet, "bands", "octree_layout", "polynomial"];
         if cast {
-            names.extend(["shade", "octree_solve"]);
+            names.extend(["shade", "unit", "octree_solve"]);
         }
         names.push(entry);
         shader::compose(&[own, SNIPPETS, shader::SHARED], &names)

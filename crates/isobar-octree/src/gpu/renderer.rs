@@ -2,30 +2,25 @@
 
 use super::INFO;
 use super::bricks::{Active, Bricks};
-use super::claims::Prover;
 use super::data::{self, Prepared};
 use super::generate::Loops;
-use super::layout::{COLOUR, COUNT_ALL, Hit, Level, NORMALS, Params, Pixel, Ray};
+use super::layout::{COLOUR, COUNT_ALL, Hit, NORMALS, Params};
 use super::programs::{Kernels, Program};
+use crate::OCTREE_CPU;
 use bytemuck::Zeroable;
 use isobar_core::{
-    Channels, Claim, Counters, Data, Frame, Function, Hit as FrameHit, Knobs, Memory, NO_SURFACE, Pixel as FramePixel,
-    RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Stage, Stop, Surface, TransferFunction, View,
+    Channels, Counters, Data, Frame, Function, Knobs, Memory, RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Stage,
+    Stop, Surface, TransferFunction, View,
 };
 use isobar_cpu::Pool;
 use isobar_cpu::scene::{Isovalues, check_medium, check_open_cuts};
 use isobar_fields::{GridSpline, Kind};
-use isobar_gpu::rays::{Entry, Rectangle};
-use isobar_gpu::{Gpu, Texel, wgpu};
+use isobar_gpu::bands::{Bands, Bindings};
+use isobar_gpu::levels::{Level, MOST_LEVELS, levels_within};
+use isobar_gpu::rays::Rectangle;
+use isobar_gpu::{Gpu, Prover, Texel, wgpu};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-
-/// Pixels of one dispatch: short enough that `Stop` is seen and no driver's watchdog bites, long enough to fill a large GPU.
-const CHUNK_PIXELS: usize = 1 << 16;
-/// Most bytes on the device for rays and hits of one view.
-const MOST_VIEW_BYTES: u64 = 4 << 30;
-/// `Frame::surface` counts to 254, so that there are at most this many isovalues.
-const MOST_LEVELS: u64 = 255;
 
 /// Settings, read once.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,24 +42,6 @@ impl Settings {
             },
             claims: k.word("claims") == "cpu",
         })
-    }
-}
-
-/// Some rows of the rectangle of the view that sees the volume, with buffers of their own.
-#[derive(Debug)]
-struct Chunk {
-    y: usize,
-    rows: usize,
-    entries: Vec<Entry>,
-    rays: wgpu::Buffer,
-    hits: wgpu::Buffer,
-    pixels: wgpu::Buffer,
-    bind: Option<wgpu::BindGroup>,
-}
-
-impl Chunk {
-    fn device_bytes(&self) -> u64 {
-        self.rays.size() + self.hits.size() + self.pixels.size()
     }
 }
 
@@ -91,8 +68,7 @@ pub(super) struct OctreeRenderer {
     surfaces: Option<Isovalues>,
     view: Option<View>,
     search: Option<Search>,
-    rectangle: Rectangle,
-    chunks: Vec<Chunk>,
+    bands: Bands<Hit>,
     prover: Option<Prover>,
     drawn: bool,
     visited: u64,
@@ -115,8 +91,7 @@ impl OctreeRenderer {
             surfaces: None,
             view: None,
             search: None,
-            rectangle: Rectangle::default(),
-            chunks: Vec::new(),
+            bands: Bands::default(),
             prover: None,
             drawn: false,
             visited: 0,
@@ -143,16 +118,10 @@ impl OctreeRenderer {
         if !settings.claims || !self.request.channels.intersects(Channels::CLAIM | Channels::T_ERROR) {
             return Ok(None);
         }
-        let mut p = Prover::new(&self.request, settings.kind)?;
-        if let Some(prepared) = &self.prepared {
-            p.set_data(&prepared.data)?;
-        }
-        if self.surfaces.is_some() {
-            p.set_surfaces(&self.given)?;
-        }
-        if let Some(view) = &self.view {
-            p.set_view(view)?;
-        }
+        let knobs = Knobs::default().with("reconstruction", settings.kind).with("claims", "on");
+        let mut p = Prover::new(&OCTREE_CPU, &self.request, knobs)?;
+        let surfaces = self.surfaces.as_ref().map(|_| self.given.as_slice());
+        p.set(self.prepared.as_ref().map(|p| &p.data), surfaces, self.view.as_ref())?;
         Ok(Some(p))
     }
 
@@ -169,7 +138,7 @@ impl OctreeRenderer {
             .as_ref()
             .is_none_or(|p| *p.spline.domain() != *prepared.spline.domain() || p.spline.kind() != prepared.spline.kind());
         if let (true, Some(view)) = (moved, &self.view) {
-            (self.rectangle, self.chunks) = self.chunks(&prepared, view)?;
+            self.bands = self.bands(&prepared, view)?;
         }
         self.prepared = Some(prepared);
         self.search = None;
@@ -177,85 +146,17 @@ impl OctreeRenderer {
         Ok(())
     }
 
-    /// The rectangle of a view that sees the domain, and its chunks with their rays.
-    fn chunks(&self, prepared: &Prepared, view: &View) -> Result<(Rectangle, Vec<Chunk>), RenderError> {
+    /// The pixels of a view that see the domain, with their rays.
+    fn bands(&self, prepared: &Prepared, view: &View) -> Result<Bands<Hit>, RenderError> {
         let rectangle = Rectangle::of(view, prepared.spline.domain());
-        let layers = self.request.layers.max(1) as u64;
-        let row = rectangle.width as u64;
-        let hit_row = (size_of::<Hit>() as u64).saturating_mul(row).saturating_mul(layers);
-        let other_row = row * (size_of::<Ray>() + size_of::<Pixel>()) as u64;
-        let total = hit_row.saturating_add(other_row).saturating_mul(rectangle.height as u64);
-        if total > MOST_VIEW_BYTES {
-            return Err(RenderError::Memory {
-                what: format!("{}x{} pixels with {layers} layers", rectangle.width, rectangle.height),
-                bytes: total,
-                limit: MOST_VIEW_BYTES,
-            });
-        }
-        if rectangle.width * rectangle.height == 0 {
-            return Ok((rectangle, Vec::new()));
-        }
-        let widest = hit_row.max(row * size_of::<Ray>() as u64);
-        let fit = (self.gpu.binding_limit() / widest).max(1) as usize;
-        let rows = CHUNK_PIXELS.div_ceil(rectangle.width).min(fit);
-        // Whole workgroups, where there is more than one.
-        let rows = if rows > 8 { rows & !7 } else { rows };
-        let end = rectangle.y + rectangle.height;
-        let chunks = (rectangle.y..end).step_by(rows).map(|y| {
-            let rows = rows.min(end - y);
-            let pixels = (rows * rectangle.width) as u64;
-            let (rays, entries) = self.pool.install(|| prepared.to_index.rows(view, rectangle, y, rows));
-            Ok(Chunk {
-                y,
-                rows,
-                entries,
-                rays: self.gpu.storage("rays", &rays)?,
-                hits: self.gpu.storage_empty("hits", hit_row * rows as u64)?,
-                pixels: self.gpu.storage_empty("pixels", pixels * size_of::<Pixel>() as u64)?,
-                bind: None,
-            })
-        });
-        Ok((rectangle, chunks.collect::<Result<_, RenderError>>()?))
+        Bands::new(&self.gpu, rectangle, self.request.layers, |y, rows| {
+            self.pool.install(|| prepared.to_index.rows(view, rectangle, y, rows))
+        })
     }
 
     fn unbind(&mut self) {
         self.drawn = false;
-        for c in &mut self.chunks {
-            c.bind = None;
-        }
-    }
-
-    /// Isovalues inside the range of the data, ascending, less the bias, and the bias as a sum of two f32.
-    fn levels(surfaces: &Isovalues, range: [f32; 2]) -> (Vec<Level>, [f32; 2]) {
-        let within: Vec<(usize, f64)> = surfaces
-            .values()
-            .iter()
-            .copied()
-            .enumerate()
-            .filter(|(_, c)| f64::from(range[0]) <= *c && *c <= f64::from(range[1]))
-            .collect();
-        let bias = match (within.first(), within.last()) {
-            (Some(a), Some(b)) => 0.5 * a.1 + 0.5 * b.1,
-            _ => 0.0,
-        };
-        let hi = bias as f32;
-        let lo = (bias - f64::from(hi)) as f32;
-        let levels = within
-            .into_iter()
-            .map(|(i, c)| {
-                let surface = surfaces.surface(i);
-                let s = &surfaces.all()[usize::from(surface)];
-                Level {
-                    value: (c - bias) as f32,
-                    opacity: s.opacity.clamp(0.0, 1.0),
-                    surface: u32::from(surface),
-                    unused: 0,
-                    colour: s.colour,
-                    unused_1: 0.0,
-                }
-            })
-            .collect();
-        (levels, [hi, lo])
+        self.bands.unbind();
     }
 
     /// The uniform of the scene set.
@@ -270,7 +171,7 @@ impl OctreeRenderer {
                 | has(Channels::HITS, COUNT_ALL)
                 | has(Channels::RGBA, COLOUR)
                 | has(Channels::NORMAL, NORMALS),
-            width: self.rectangle.width as u32,
+            width: self.bands.rectangle().width as u32,
             ..prepared.params
         }
     }
@@ -284,7 +185,8 @@ impl OctreeRenderer {
             return Ok(());
         }
         let bricks: &Bricks = &prepared.bricks;
-        let (levels, bias) = Self::levels(surfaces, bricks.range);
+        let surface_of = |i| surfaces.surface(i);
+        let (levels, bias) = levels_within(surfaces.values(), surface_of, surfaces.all(), bricks.range);
         self.gpu.write(&self.levels, bytemuck::cast_slice(&levels))?;
         let params = Params {
             bias_hi: bias[0],
@@ -300,107 +202,29 @@ impl OctreeRenderer {
         Ok(())
     }
 
-    /// Runs the caster over all chunks; the device time.
+    /// Runs the caster over all bands; the device time.
     fn cast(&mut self, kernels: &Kernels, stop: &Stop) -> Result<Option<Duration>, RenderError> {
         let (Some(prepared), Some(search)) = (&self.prepared, &self.search) else {
             return Err(RenderError::NotReady("set_surfaces"));
         };
-        let mut device = self.gpu.report().timestamps.then_some(Duration::ZERO);
         if search.active.count == 0 {
-            return Ok(device);
+            return Ok(self.gpu.report().timestamps.then_some(Duration::ZERO));
         }
         let params = self.params(prepared, search);
         self.gpu.write(&self.uniform, bytemuck::bytes_of(&params))?;
-        stop.begin(self.chunks.len() as u64);
-        for chunk in &mut self.chunks {
-            if stop.is_raised() {
-                return Err(RenderError::Stopped);
-            }
-            if chunk.bind.is_none() {
-                let resources = [
-                    (0, wgpu::BindingResource::TextureView(prepared.volume.view())),
-                    (1, self.uniform.as_entire_binding()),
-                    (2, chunk.rays.as_entire_binding()),
-                    (3, search.active.nodes.as_entire_binding()),
-                    (4, search.active.cells.as_entire_binding()),
-                    (5, self.levels.as_entire_binding()),
-                    (6, chunk.hits.as_entire_binding()),
-                    (7, chunk.pixels.as_entire_binding()),
-                ];
-                chunk.bind = Some(kernels.cast.bind(&self.gpu, &resources)?);
-            }
-            let groups = [self.rectangle.width.div_ceil(8) as u32, chunk.rows.div_ceil(8) as u32, 1];
-            let times = self.gpu.run("octree caster", 1, |w| {
-                if let Some(bind) = &chunk.bind {
-                    w.compute(&kernels.cast, bind, groups);
-                }
-            })?;
-            device = device.zip(times).map(|(sum, t)| sum + t.iter().sum::<Duration>());
-            stop.step();
-        }
-        Ok(device)
-    }
-
-    /// Copies the hits of a chunk into the frame; returns the cells visited.
-    fn collect(&self, chunk: &Chunk, view: &View, out: &mut Frame) -> Result<u64, RenderError> {
-        let count = chunk.rows * self.rectangle.width;
-        let layers = self.request.layers.max(1);
-        let pixels: Vec<Pixel> = self.gpu.read(&chunk.pixels, count)?;
-        let deepest = pixels.iter().map(|p| p.hits as usize).max().unwrap_or(0).min(layers);
-        let hits: Vec<Hit> = self.gpu.read(&chunk.hits, deepest * count)?;
-        let generator = self.request.channels.contains(Channels::POINT).then(|| view.generator());
-        let mut visited = 0;
-        for (i, (p, entry)) in pixels.iter().zip(&chunk.entries).enumerate() {
-            let x = self.rectangle.x + i % self.rectangle.width;
-            let y = chunk.y + i / self.rectangle.width;
-            let at = y * view.width + x;
-            for layer in 0..layers.min(p.hits as usize) {
-                let h = &hits[layer * count + i];
-                let u = f64::from(h.whole) + f64::from(h.u);
-                let t = entry.t + u.max(0.0) / entry.speed;
-                let mut hit = FrameHit {
-                    t,
-                    normal: h.normal,
-                    surface: h.surface as u8,
-                    ..FrameHit::NONE
-                };
-                if let Some(g) = &generator {
-                    hit.point = g.ray(x, y).at(t);
-                }
-                out.set_hit(layer, at, &hit);
-            }
-            visited += u64::from(p.work);
-            let pixel = FramePixel {
-                hits: p.hits.min(u32::from(u16::MAX)) as u16,
-                claim: Claim::empty(),
-                rgba: p.rgba,
-                work: p.work,
-            };
-            out.set_pixel(at, &pixel);
-        }
-        Ok(visited)
-    }
-
-    /// Writes what the CPU proved into the frame.
-    fn claim(&mut self, out: &mut Frame) {
-        let (Some(prover), Some(prepared), Some(view)) = (&mut self.prover, &self.prepared, &self.view) else {
-            return;
+        let common = [
+            (0, wgpu::BindingResource::TextureView(prepared.volume.view())),
+            (1, self.uniform.as_entire_binding()),
+            (3, search.active.nodes.as_entire_binding()),
+            (4, search.active.cells.as_entire_binding()),
+            (5, self.levels.as_entire_binding()),
+        ];
+        let own = Bindings {
+            rays: 2,
+            hits: 6,
+            pixels: 7,
         };
-        (prover.proved, prover.unlike) = (0, 0);
-        let generator = view.generator();
-        let voxel = prepared.spline.domain().voxel();
-        for i in 0..view.pixels() {
-            let t = out.t.get(i).copied().unwrap_or(f64::INFINITY);
-            let surface = out.surface.get(i).copied().unwrap_or(NO_SURFACE);
-            let speed = generator.ray(i % view.width, i / view.width).direction.length();
-            let (claim, error) = prover.claim(i, t, surface, voxel / speed);
-            if let Some(c) = out.claim.get_mut(i) {
-                *c = claim;
-            }
-            if let Some(e) = out.t_error.get_mut(i) {
-                *e = error;
-            }
-        }
+        self.bands.cast(&self.gpu, "octree caster", &kernels.cast, &common, own, stop)
     }
 }
 
@@ -409,7 +233,7 @@ impl Renderer for OctreeRenderer {
         let settings = self.settings;
         let prepared = self.prepare(data, &settings)?;
         if let Some(p) = &mut self.prover {
-            p.set_data(data)?;
+            p.set(Some(data), None, None)?;
         }
         self.replace(prepared)
     }
@@ -420,7 +244,7 @@ impl Renderer for OctreeRenderer {
         self.search = None;
         self.drawn = false;
         if let Some(p) = &mut self.prover {
-            p.set_surfaces(surfaces)?;
+            p.set(None, Some(surfaces), None)?;
         }
         Ok(())
     }
@@ -433,12 +257,12 @@ impl Renderer for OctreeRenderer {
         check_open_cuts(&INFO, view)?;
         view.validate()?;
         if let Some(p) = &self.prepared {
-            (self.rectangle, self.chunks) = self.chunks(p, view)?;
+            self.bands = self.bands(p, view)?;
         }
         self.view = Some(view.clone());
         self.drawn = false;
         if let Some(p) = &mut self.prover {
-            p.set_view(view)?;
+            p.set(None, None, Some(view))?;
         }
         Ok(())
     }
@@ -493,30 +317,15 @@ impl Renderer for OctreeRenderer {
         let (Some(view), Some(search), true) = (&self.view, &self.search, self.drawn) else {
             return Err(RenderError::NotReady("render"));
         };
-        // The proof compares t and surface, asked for or not.
         let channels = self.request.channels;
-        let needed = if self.prover.is_some() {
-            channels | Channels::T | Channels::SURFACE
-        } else {
-            channels
-        };
+        // The proof compares t and surface, asked for or not.
+        let needed = Prover::channels(self.prover.as_ref(), channels);
         out.reset(view.width, view.height, self.request.layers.max(1), needed);
         if search.active.count > 0 {
-            let mut visited = 0;
-            for chunk in &self.chunks {
-                visited += self.collect(chunk, view, out)?;
-            }
-            self.visited = visited;
+            self.visited = self.bands.read(&self.gpu, view, out)?;
         }
-        self.claim(out);
-        if needed != channels {
-            out.channels = channels;
-            if !channels.contains(Channels::T) {
-                out.t.clear();
-            }
-            if !channels.contains(Channels::SURFACE) {
-                out.surface.clear();
-            }
+        if let (Some(prover), Some(prepared)) = (&mut self.prover, &self.prepared) {
+            prover.write(out, view, prepared.spline.domain().voxel(), channels);
         }
         Ok(())
     }
@@ -531,8 +340,6 @@ impl Renderer for OctreeRenderer {
     }
 
     fn memory(&self) -> Memory {
-        let entries = self.chunks.iter().map(|c| c.entries.capacity() * size_of::<Entry>());
-        let view: u64 = self.chunks.iter().map(Chunk::device_bytes).sum();
         let active = self
             .search
             .as_ref()
@@ -542,23 +349,27 @@ impl Renderer for OctreeRenderer {
         Memory {
             coefficients: p.map_or(0, |p| p.spline.own_bytes() as u64) + prover.coefficients,
             index: p.map_or(0, |p| p.bricks.bytes()) + prover.index,
-            view: entries.sum::<usize>() as u64 + prover.view,
-            device: p.map_or(0, |p| p.volume.bytes()) + active + view + self.uniform.size() + self.levels.size(),
+            view: self.bands.host_bytes() + prover.view,
+            device: p.map_or(0, |p| p.volume.bytes())
+                + active
+                + self.bands.device_bytes()
+                + self.uniform.size()
+                + self.levels.size(),
         }
     }
 
     /// `cells` of the last frame read: the device counts per pixel, and they come back with the pixels. With `claims=cpu` also what the
     /// proof took and said.
     fn counters(&self) -> Counters {
+        let rectangle = self.bands.rectangle();
+        let launched = rectangle.width * rectangle.height;
         let mut out = vec![
             ("cells", self.visited),
             ("active bricks", self.search.as_ref().map_or(0, |s| s.active.count as u64)),
-            ("pixels launched", (self.rectangle.width * self.rectangle.height) as u64),
+            ("pixels launched", launched as u64),
         ];
         if let Some(p) = &self.prover {
-            out.push(("proof microseconds", p.time.as_micros() as u64));
-            out.push(("pixels proved", p.proved));
-            out.push(("pixels unlike the cpu", p.unlike));
+            out.extend(p.counters());
         }
         Counters(out)
     }

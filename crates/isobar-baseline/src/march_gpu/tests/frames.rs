@@ -2,12 +2,13 @@
 
 use super::{Random, draw, open, random_grid, redraw, sampled};
 use crate::MARCH_CPU;
-use crate::march_gpu::layout::Level;
+use crate::march_gpu::layout::Ray as DeviceRay;
 use crate::march_gpu::programs::Filter;
-use crate::march_gpu::rays::ToIndex;
 use crate::march_gpu::{MARCH_GPU, twin};
 use isobar_core::{Channels, DMat3, DVec3, Data, Frame, Function, Grid, Knobs, Ray, Request, Samples, Stage, Surface, View};
 use isobar_fields::{GridSpline, Kind, Synthetic};
+use isobar_gpu::levels::Level;
+use isobar_gpu::rays::{Rectangle, ToIndex};
 use isobar_gpu::test_adapter;
 use std::sync::Arc;
 
@@ -186,7 +187,9 @@ fn hits_are_those_of_the_f32_twin() {
             colour: [1.0; 3],
             unused_1: 0.0,
         }];
-        let (rays, entries) = ToIndex::new(spline.domain()).rows(&view, 0, view.height);
+        let to = ToIndex::new(spline.domain(), false);
+        let whole = Rectangle::whole(&view);
+        let (rays, entries) = whole.rows(&view, 0, view.height, |r, kept| DeviceRay::new(&to, r, kept));
         let n = view.pixels();
         let (mut beyond, mut hits) = (0, 0);
         for (i, (ray, entry)) in rays.iter().zip(&entries).enumerate() {

@@ -1,4 +1,5 @@
-// Uniform cubic B-spline in f32 by 64 explicit loads. The texture holds one more coefficient before the first and behind the last sample
+// A cubic spline in f32 by 64 explicit loads, with the `weights` and `slopes` of
+// one axis from another snippet. The texture holds one more coefficient before the first and behind the last sample
 // of each axis, so that texel `cell` is coefficient `cell - 1`.
 
 struct Cell {
@@ -9,20 +10,6 @@ struct Cell {
 fn cell_of(u: vec3<f32>) -> Cell {
     let c = min(floor(u), params.last - 1.0);
     return Cell(vec3<i32>(c), u - c);
-}
-
-const SIXTH: f32 = 1.0 / 6.0;
-
-fn weights(w: f32) -> vec4<f32> {
-    let v = 1.0 - w;
-    let ww = w * w;
-    let vv = v * v;
-    return vec4(SIXTH * vv * v, SIXTH * (4.0 - 3.0 * ww * (1.0 + v)), SIXTH * (4.0 - 3.0 * vv * (1.0 + w)), SIXTH * ww * w);
-}
-
-fn slopes(w: f32) -> vec4<f32> {
-    let v = 1.0 - w;
-    return vec4(-0.5 * v * v, w * (1.5 * w - 2.0), v * (2.0 - 1.5 * v), 0.5 * w * w);
 }
 
 fn row(b: vec3<i32>, x: vec4<f32>) -> f32 {

@@ -1,0 +1,20 @@
+// The twins of isobar_gpu::levels::Level and isobar_gpu::bands::Pixel.
+
+// An isovalue less the bias, with its surface; ascending.
+struct Level {
+    value: f32,
+    opacity: f32,
+    surface: u32,
+    unused: u32,
+    colour: vec3<f32>,
+    unused_1: f32,
+}
+
+struct Pixel {
+    red: f32,
+    green: f32,
+    blue: f32,
+    alpha: f32,
+    hits: u32,
+    work: u32,
+}
