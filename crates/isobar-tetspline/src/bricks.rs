@@ -8,9 +8,10 @@
 
 use crate::classify::{Rule, is_active};
 use crate::ray::Bounds;
+use isobar_fields::type6::DeterminingSet;
 use rayon::prelude::*;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::{Mutex, OnceLock};
 
 /// Cubes of a brick, and bricks of a node, per axis: the word of either has 4^3 = 64 bits, x fastest.
 pub(crate) const SIDE: usize = 4;
@@ -44,10 +45,11 @@ pub(crate) struct Bricks<T> {
 }
 
 impl<T: Datum> Bricks<T> {
-    /// For data of `dims`, each at least 2: as many cubes.
-    pub(crate) fn new(data: &[T], dims: [usize; 3]) -> Self {
+    /// For data of `dims`, each at least 2: as many cubes. In the memory of bricks that are not needed any more, where it suffices: a time step of the same size allocates nothing (K25).
+    pub(crate) fn new(data: &[T], dims: [usize; 3], old: Option<Self>) -> Self {
         let bricks = dims.map(|n| n.div_ceil(SIDE));
-        let mut range = vec![[data[0]; 2]; bricks.iter().product()];
+        let mut range = old.map_or_else(Vec::new, |o| o.range);
+        range.resize(bricks.iter().product(), [data[0]; 2]);
         range.par_chunks_mut(bricks[0]).enumerate().for_each(|(row, out)| {
             let span = |b: usize, n: usize| (b * SIDE).saturating_sub(1)..(b * SIDE + SIDE + 1).min(n);
             for (i, o) in out.iter_mut().enumerate() {
@@ -97,6 +99,11 @@ pub(crate) struct Active {
     before: Vec<u32>,
     /// Per active brick, made when the first ray enters it.
     bricks: Vec<OnceLock<Box<Cubes>>>,
+    /// Whether determining sets are kept for the cubes that rays enter (K13).
+    stored: bool,
+    /// Bricks of isovalues and time steps before, whose memory is used again.
+    #[expect(clippy::vec_box, reason = "the boxes themselves are what is used again")]
+    spare: Mutex<Vec<Box<Cubes>>>,
 }
 
 /// The cubes of an active brick, and their tetrahedra: the paper's list of active tetrahedra, for what is seen of it.
@@ -106,6 +113,8 @@ pub(crate) struct Cubes {
     mask: AtomicU64,
     /// Per cube: active kinds (24 bits) and [`KNOWN`]. Empty where tetrahedra are not kept ([`Rule::Data`]).
     kinds: Vec<AtomicU32>,
+    /// Per cube, its determining set: made when the first ray enters the cube. Empty where coefficients are worked out on the fly.
+    sets: Vec<OnceLock<Box<DeterminingSet<f64>>>>,
 }
 
 /// Marks kinds that have been worked out.
@@ -128,6 +137,12 @@ impl Cubes {
         (kinds != 0).then_some(kinds & !KNOWN)
     }
 
+    /// The determining set of cube `b`, where sets are kept.
+    #[inline(always)]
+    pub(crate) fn set(&self, b: u32, make: impl FnOnce() -> DeterminingSet<f64>) -> Option<&DeterminingSet<f64>> {
+        Some(self.sets.get(b as usize)?.get_or_init(|| Box::new(make())))
+    }
+
     /// Keeps the active kinds of cube `b`; every thread would keep the same.
     #[inline(always)]
     pub(crate) fn keep(&self, b: u32, kinds: u32) {
@@ -141,9 +156,13 @@ impl Cubes {
 }
 
 impl Active {
-    pub(crate) fn new<T: Datum>(bricks: &Bricks<T>, bounds: &[Bounds], rule: Rule) -> Self {
+    /// In the memory of what was active before, where it suffices.
+    pub(crate) fn new<T: Datum>(bricks: &Bricks<T>, bounds: &[Bounds], rule: Rule, stored: bool, old: Option<Self>) -> Self {
         let dims = bricks.dims.map(|n| n.div_ceil(SIDE));
-        let mut words = vec![0u64; dims.iter().product()];
+        let (mut words, mut before, mut all, spare) =
+            old.map_or_else(Default::default, |o| (o.words, o.before, o.bricks, o.spare));
+        words.clear();
+        words.resize(dims.iter().product(), 0u64);
         words.par_chunks_mut(dims[0] * dims[1]).enumerate().for_each(|(z, layer)| {
             for k in z * SIDE..(z * SIDE + SIDE).min(bricks.dims[2]) {
                 for j in 0..bricks.dims[1] {
@@ -158,27 +177,62 @@ impl Active {
             }
         });
         let mut count = 0u32;
-        let before = words
-            .iter()
-            .map(|w| {
-                let at = count;
-                count += w.count_ones();
-                at
-            })
-            .collect();
+        before.clear();
+        before.extend(words.iter().map(|w| {
+            let at = count;
+            count += w.count_ones();
+            at
+        }));
+        let mut free = spare.into_inner().unwrap_or_default();
+        free.extend(all.iter_mut().filter_map(OnceLock::take));
+        // No more than can be needed.
+        free.truncate(count as usize);
+        all.resize_with(count as usize, OnceLock::new);
         Self {
             dims,
             words,
             rule,
             before,
-            bricks: (0..count).map(|_| OnceLock::new()).collect(),
+            bricks: all,
+            stored,
+            spare: Mutex::new(free),
         }
+    }
+
+    /// A brick with these active cubes, nothing known of their tetrahedra.
+    fn fresh(&self, mask: u64) -> Box<Cubes> {
+        let of = |used: bool| if used { 64 } else { 0 };
+        let (kinds, sets) = (of(self.rule != Rule::Data), of(self.stored));
+        let spare = self.spare.lock().ok().and_then(|mut s| s.pop());
+        let mut cubes = spare.unwrap_or_else(|| {
+            Box::new(Cubes {
+                mask: AtomicU64::new(0),
+                kinds: Vec::new(),
+                sets: Vec::new(),
+            })
+        });
+        *cubes.mask.get_mut() = mask;
+        cubes.kinds.iter_mut().for_each(|k| *k.get_mut() = 0);
+        cubes.kinds.resize_with(kinds, || AtomicU32::new(0));
+        cubes.sets.clear();
+        cubes.sets.resize_with(sets, OnceLock::new);
+        cubes
     }
 
     /// Bytes held now.
     pub(crate) fn bytes(&self) -> usize {
         let made = self.bricks.iter().filter_map(OnceLock::get);
-        let cubes: usize = made.map(|c| size_of::<Cubes>() + c.kinds.len() * 4).sum();
+        let set = |s: &OnceLock<Box<DeterminingSet<f64>>>| {
+            if s.get().is_some() {
+                size_of::<DeterminingSet<f64>>()
+            } else {
+                0
+            }
+        };
+        let of =
+            |c: &Cubes| size_of::<Cubes>() + c.kinds.capacity() * 4 + c.sets.len() * 16 + c.sets.iter().map(set).sum::<usize>();
+        let spare: usize = self.spare.lock().map_or(0, |s| s.iter().map(|c| of(c)).sum());
+        let cubes = made.map(|c| of(c)).sum::<usize>() + spare;
         self.words.len() * 12 + self.bricks.len() * size_of::<OnceLock<Box<Cubes>>>() + cubes
     }
 
@@ -223,11 +277,7 @@ impl Active {
                 Rule::DeterminingSet => narrowed(self.rule, mask, at, data, dims, bounds),
                 _ => mask,
             };
-            let kinds = if self.rule == Rule::Data { 0 } else { 64 };
-            Box::new(Cubes {
-                mask: mask.into(),
-                kinds: (0..kinds).map(|_| AtomicU32::new(0)).collect(),
-            })
+            self.fresh(mask)
         })
     }
 }
@@ -309,9 +359,9 @@ mod tests {
                     (s >> 8) as f32 / 65536.0 / 8.0 + (i % dims[0]) as f32 * 10.0
                 })
                 .collect();
-            let bricks = Bricks::new(&data, dims);
+            let bricks = Bricks::new(&data, dims, None);
             let bounds = [Bounds::new(20.0, 0.0, (0.0, 256.0)), Bounds::new(90.0, 0.0, (0.0, 256.0))];
-            let active = Active::new(&bricks, &bounds, Rule::Data);
+            let active = Active::new(&bricks, &bounds, Rule::Data, false, None);
             let (mut count, mut off) = (0, 0);
             for z in 0..dims[2] {
                 for y in 0..dims[1] {
@@ -340,5 +390,30 @@ mod tests {
             }
             assert!(count > 0 && (off > 0 || dims[0] == 2), "{dims:?}");
         }
+    }
+    /// A further time step, and a further isovalue, in the memory of the one before.
+    #[test]
+    fn a_time_step_allocates_nothing() {
+        let dims = [21, 18, 13];
+        let step = |shift: usize| -> Vec<f32> { (0..dims.iter().product()).map(|i: usize| ((i + shift) % 97) as f32).collect() };
+        let bounds = [Bounds::new(40.0, 0.0, (0.0, 96.0))];
+        let data = step(0);
+        let bricks = Bricks::new(&data, dims, None);
+        let active = Active::new(&bricks, &bounds, Rule::Coefficients, false, None);
+        let enter = |active: &Active, data: &[f32]| {
+            let first = active.cubes(0, active.words[0].trailing_zeros(), [0; 3], data, dims, &bounds);
+            first.keep(3, 5);
+            (std::ptr::from_ref(first), first.kinds.as_ptr())
+        };
+        let cubes = enter(&active, &data);
+        let (words, ranges, bytes) = (active.words.as_ptr(), bricks.range.as_ptr(), active.bytes());
+        let data = step(31);
+        let bricks = Bricks::new(&data, dims, Some(bricks));
+        let active = Active::new(&bricks, &bounds, Rule::Coefficients, false, Some(active));
+        assert_eq!((active.words.as_ptr(), bricks.range.as_ptr()), (words, ranges));
+        assert_eq!(active.bytes(), bytes, "the brick entered before is spare now");
+        let first = active.cubes(0, active.words[0].trailing_zeros(), [0; 3], &data, dims, &bounds);
+        assert_eq!(first.known(3), None, "nothing is known any more");
+        assert_eq!((enter(&active, &data), active.bytes()), (cubes, bytes));
     }
 }

@@ -1,18 +1,21 @@
 //! `tetspline/cpu` as a method.
 
 use crate::bricks::{Active, Bricks, Datum};
+use crate::caps::Caps;
 use crate::classify::Rule;
 use crate::packet::{Job, Projection, RaySet, holds};
+use crate::paint::{Colours, Paint};
 use crate::ray::{Bounds, Entry, Space, Walk};
 use crate::roots::Finder;
+use crate::smooth;
 use crate::walk::{Root, Scratch, Search, Work};
 use glam::DVec3;
 use isobar_core::{
-    Claim, Counters, Data, DataKind, Frame, Function, Grid, Hit, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, Ray,
-    RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Samples, Scene, Stage, Stop, Surface, TransferFunction,
+    Claim, Counters, Data, DataKind, Frame, Function, Grid, Hit, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, Pixel,
+    Ray, RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Samples, Scene, Stage, Stop, Surface, TransferFunction,
     Unsupported, View,
 };
-use isobar_cpu::scene::{Isovalues, check_clipped_scene, check_medium, check_open_cuts, check_request, grid};
+use isobar_cpu::scene::{Isovalues, check_clipped_scene, check_medium, check_request, grid};
 use isobar_cpu::{Kernel, Level, PixelSink, Pool, copy_frame, render_tiles};
 use isobar_fields::{Coefficients, Type6Spline};
 use std::sync::Arc;
@@ -44,6 +47,30 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
             kind: KnobKind::Choice(&["coefficients", "data", "paper"]),
         },
         KnobSpec {
+            name: "coefficients",
+            doc: "on-the-fly: from 23 data of each tetrahedron; determining-set: by averaging from the 56 stored for each cube that a ray enters, 448 bytes, the paper's other variant, which proves nothing",
+            kind: KnobKind::Choice(&["on-the-fly", "determining-set"]),
+        },
+        KnobSpec {
+            name: "smooth",
+            doc: "standard deviation, in voxels, of a Gaussian that the samples are smoothed with first; 0: as they are",
+            kind: KnobKind::Float {
+                default: 0.0,
+                min: 0.0,
+                max: 16.0,
+            },
+        },
+        KnobSpec {
+            name: "texture",
+            doc: "colours: plain, or marble: solid noise at the hit",
+            kind: KnobKind::Choice(&["plain", "marble"]),
+        },
+        KnobSpec {
+            name: "overlay",
+            doc: "curves: the curves where the surface crosses the faces of cubes in black",
+            kind: KnobKind::Choice(&["none", "curves"]),
+        },
+        KnobSpec {
             name: "claims",
             doc: "prove hits and misses (EXISTS, FIRST, EMPTY) where f64 arithmetic can",
             kind: KnobKind::Choice(&["on", "off"]),
@@ -60,11 +87,11 @@ const MARGIN: f64 = 1e-6;
 #[derive(Debug)]
 pub struct TetsplineCpu;
 
-/// The method `tetspline/cpu`: exact ray casting of the cubic C1 spline on the type-6 partition, on grids of any sample type, with open clipping planes.
+/// The method `tetspline/cpu`: exact ray casting of the cubic C1 spline on the type-6 partition, on grids of any sample type, with open and closed cuts by clipping planes.
 ///
 /// All hits in order. Guarantee with `roots=certified` and `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none before it, with EMPTY none at
 /// all; the proof is the bound derived in `ray.rs`. A pixel without them was not decided: the ray touches the surface, or passes an end of the domain or a plateau, within
-/// that bound (about 1e-12 of the range of the data for ordinary views). With clipping planes only EXISTS is claimed.
+/// that bound (about 1e-12 of the range of the data for ordinary views). With clipping planes only EXISTS is claimed, and of closed cuts nothing.
 pub static TETSPLINE_CPU: TetsplineCpu = TetsplineCpu;
 
 impl Method for TetsplineCpu {
@@ -73,7 +100,10 @@ impl Method for TetsplineCpu {
     }
 
     fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
-        check_clipped_scene(&INFO, scene, request)
+        // Cuts may be closed: they are as good as open ones here.
+        let mut view = scene.view.clone();
+        view.clips.iter_mut().for_each(|c| c.cap = false);
+        check_clipped_scene(&INFO, &Scene { view: &view, ..*scene }, request)
     }
 
     fn open(&self, request: &Request) -> Result<Box<dyn Renderer>, RenderError> {
@@ -94,9 +124,14 @@ impl Method for TetsplineCpu {
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Settings {
     prefiltered: bool,
+    /// Standard deviation in voxels; 0: not smoothed.
+    smooth: f64,
+    /// Determining sets are stored.
+    stored: bool,
+    paint: Paint,
     finder: Finder,
     rule: Rule,
     claims: bool,
@@ -117,7 +152,14 @@ impl Settings {
                 "paper" => Rule::DeterminingSet,
                 _ => Rule::Coefficients,
             },
-            claims: k.word("claims") == "on",
+            smooth: k.float("smooth"),
+            stored: k.word("coefficients") == "determining-set",
+            paint: Paint {
+                marble: k.word("texture") == "marble",
+                curves: k.word("overlay") == "curves",
+            },
+            // The bound of `ray.rs` is that of coefficients on the fly.
+            claims: k.word("claims") == "on" && k.word("coefficients") != "determining-set",
         })
     }
 }
@@ -188,23 +230,38 @@ struct Tetspline {
 }
 
 impl Tetspline {
-    fn volume(&self, grid: &Grid, prefiltered: bool) -> Result<Volume, RenderError> {
+    /// The volume of a grid, in the memory of the one before where that suffices; the one before is kept if the data are refused.
+    fn replace(&mut self, grid: &Grid, settings: Settings) -> Result<(), RenderError> {
         let dims = grid.dims;
         if dims.iter().any(|&n| n > 1 << 30) {
             return Err(isobar_core::DataError::Dims(dims).into());
         }
-        self.pool.install(|| {
-            let spline = if prefiltered {
-                Type6Spline::prefiltered(grid, Stage::Stored)?
+        let spline = self.pool.install(|| {
+            let smoothed = (settings.smooth > 0.0)
+                .then(|| smooth::gaussian(grid, settings.smooth))
+                .transpose()?;
+            let grid = smoothed.as_ref().unwrap_or(grid);
+            if settings.prefiltered {
+                Type6Spline::prefiltered(grid, Stage::Stored)
             } else {
-                Type6Spline::new(grid)?
-            };
+                Type6Spline::new(grid)
+            }
+        })?;
+        let old = self.volume.take().map(|v| v.bricks);
+        self.volume = Some(self.pool.install(|| {
+            // Bricks of the same type of data lend their memory.
+            macro_rules! renewed {
+                ($kind:ident, $data:expr) => {{
+                    let old = old.and_then(|b| if let AnyBricks::$kind(b) = b { Some(b) } else { None });
+                    AnyBricks::$kind(Bricks::new($data, dims, old))
+                }};
+            }
             let bricks = match spline.coefficients() {
-                Coefficients::Samples(Samples::U8(s)) => AnyBricks::U8(Bricks::new(s, dims)),
-                Coefficients::Samples(Samples::I16(s)) => AnyBricks::I16(Bricks::new(s, dims)),
-                Coefficients::Samples(Samples::U16(s)) => AnyBricks::U16(Bricks::new(s, dims)),
-                Coefficients::Samples(Samples::F32(s)) => AnyBricks::F32(Bricks::new(s, dims)),
-                Coefficients::F32(s) => AnyBricks::F32(Bricks::new(s, dims)),
+                Coefficients::Samples(Samples::U8(s)) => renewed!(U8, s),
+                Coefficients::Samples(Samples::I16(s)) => renewed!(I16, s),
+                Coefficients::Samples(Samples::U16(s)) => renewed!(U16, s),
+                Coefficients::Samples(Samples::F32(s)) => renewed!(F32, s),
+                Coefficients::F32(s) => renewed!(F32, s),
                 Coefficients::F64(_) => unreachable!("stored data are f32"),
             };
             let mut volume = Volume {
@@ -214,21 +271,23 @@ impl Tetspline {
                 range: (0.0, 0.0),
             };
             volume.range = typed!(volume, _data, bricks => bricks.whole());
-            Ok(volume)
-        })
+            volume
+        }));
+        Ok(())
     }
 
     fn prepare(&mut self) {
-        self.prepared = None;
+        let mut old = self.prepared.take().map(|p| p.active);
         if let (Some(volume), Some(surfaces)) = (&self.volume, &self.surfaces) {
             let bounds: Vec<_> = surfaces
                 .values()
                 .iter()
                 .map(|&c| Bounds::new(c, MARGIN, volume.range))
                 .collect();
-            let active = self
-                .pool
-                .install(|| typed!(volume, _data, bricks => Active::new(bricks, &bounds, self.settings.rule)));
+            let settings = self.settings;
+            let active = self.pool.install(
+                || typed!(volume, _data, bricks => Active::new(bricks, &bounds, settings.rule, settings.stored, old.take())),
+            );
             self.prepared = Some(Prepared { bounds, active });
         }
     }
@@ -237,7 +296,7 @@ impl Tetspline {
 impl Renderer for Tetspline {
     fn set_data(&mut self, data: &Arc<Data>) -> Result<(), RenderError> {
         let grid = grid(&INFO, data)?;
-        self.volume = Some(self.volume(grid, self.settings.prefiltered)?);
+        self.replace(grid, self.settings)?;
         self.grid = Some(grid.clone());
         self.prepare();
         Ok(())
@@ -255,20 +314,19 @@ impl Renderer for Tetspline {
 
     fn set_view(&mut self, view: &View) -> Result<(), RenderError> {
         view.validate()?;
-        check_open_cuts(&INFO, view)?;
         self.view = Some(view.clone());
         Ok(())
     }
 
     fn set_knobs(&mut self, knobs: &Knobs) -> Result<(), RenderError> {
         let settings = Settings::new(knobs)?;
-        if settings.prefiltered != self.settings.prefiltered
-            && let Some(grid) = &self.grid
-        {
-            self.volume = Some(self.volume(grid, settings.prefiltered)?);
+        let before = self.settings;
+        let same_data = (settings.prefiltered, settings.smooth) == (before.prefiltered, before.smooth);
+        if !same_data && let Some(grid) = self.grid.clone() {
+            self.replace(&grid, settings)?;
         }
-        let before = std::mem::replace(&mut self.settings, settings);
-        if (before.prefiltered, before.rule) != (settings.prefiltered, settings.rule) {
+        self.settings = settings;
+        if !same_data || (before.rule, before.stored) != (settings.rule, settings.stored) {
             self.prepare();
         }
         Ok(())
@@ -296,7 +354,11 @@ impl Renderer for Tetspline {
             let projection = Projection::new(view, &volume.space);
             render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
                 let job = Job { field: &search, space: &volume.space, view, surfaces, claims, tile, out };
-                total.add(draw(self.level, projection.as_ref(), search, job));
+                // What packets do not do.
+                let caps = Caps::new(&volume.spline, &volume.space, surfaces, view);
+                let alone = caps.is_some() || settings.stored || !settings.paint.is_plain();
+                let projection = projection.as_ref().filter(|_| !alone);
+                total.add(draw(self.level, projection, search, job, Extra { paint: settings.paint, caps }));
             })
         });
         if let Err(e) = result {
@@ -328,7 +390,14 @@ impl Renderer for Tetspline {
         let bricks = self.volume.as_ref().map_or(0, |v| typed!(v, _data, b => b.bytes()));
         let active = self.prepared.as_ref().map_or(0, |p| p.active.bytes());
         Memory {
-            coefficients: self.volume.as_ref().map_or(0, |v| v.spline.own_bytes() as u64),
+            coefficients: self.volume.as_ref().map_or(0, |v| {
+                let smoothed = if self.settings.smooth > 0.0 {
+                    4 * v.spline.grid().dims.iter().product::<usize>()
+                } else {
+                    0
+                };
+                (v.spline.own_bytes() + smoothed) as u64
+            }),
             index: (bricks + active) as u64,
             ..Memory::default()
         }
@@ -375,8 +444,21 @@ impl SharedWork {
     }
 }
 
+/// What packets do not do.
+#[derive(Debug, Clone, Copy)]
+struct Extra<'a> {
+    paint: Paint,
+    caps: Option<Caps<'a>>,
+}
+
 /// Draws one tile with at most the instructions of `level`; gives the work done.
-fn draw<T: Datum>(level: Level, projection: Option<&Projection>, search: Search<'_, T>, mut job: Job<'_, '_>) -> Work {
+fn draw<T: Datum>(
+    level: Level,
+    projection: Option<&Projection>,
+    search: Search<'_, T>,
+    mut job: Job<'_, '_>,
+    extra: Extra<'_>,
+) -> Work {
     let mut work = Work::default();
     let mut rays = None;
     if let Some(projection) = projection
@@ -388,7 +470,13 @@ fn draw<T: Datum>(level: Level, projection: Option<&Projection>, search: Search<
         }
         rays = Some(left);
     }
-    level.run(SingleRays { search, job, rays, work })
+    level.run(SingleRays {
+        search,
+        job,
+        rays,
+        work,
+        extra,
+    })
 }
 
 /// A tile ray by ray, as a kernel.
@@ -399,6 +487,7 @@ struct SingleRays<'a, 'b, T> {
     rays: Option<RaySet>,
     /// What was done before.
     work: Work,
+    extra: Extra<'a>,
 }
 
 impl<T: Datum> Kernel for SingleRays<'_, '_, T> {
@@ -445,25 +534,53 @@ impl<T: Datum> Kernel for SingleRays<'_, '_, T> {
             // Where a clipping plane cuts the ray is not known well enough to prove what lies at the cut.
             let mut certain = sure && !clipped;
             let complete = certain;
+            let mut colours = Colours::new(self.extra.paint, view, space, surfaces);
             match entry {
                 Entry::Through(walk) => {
-                    certain &= search.roots(walk, &mut scratch, &mut work, |root| {
-                        if sink.hits() == 0 && sure && root.found.error.is_finite() {
-                            claim = if root.found.first && complete {
-                                Claim::EXISTS | Claim::FIRST
-                            } else {
-                                Claim::EXISTS
-                            };
-                        }
-                        sink.push(&hit(&ray, root, surfaces, space, !claim.is_empty()))
-                    });
+                    let [first, last] = self.extra.caps.map_or([None; 2], |c| c.ends(&ray));
+                    if let Some(hit) = first {
+                        colours.add(&hit, &ray);
+                        sink.push(&hit);
+                    }
+                    certain &= !sink.wants_more()
+                        || search.roots(walk, &mut scratch, &mut work, |root| {
+                            if sink.hits() == 0 && sure && root.found.error.is_finite() {
+                                claim = if root.found.first && complete {
+                                    Claim::EXISTS | Claim::FIRST
+                                } else {
+                                    Claim::EXISTS
+                                };
+                            }
+                            let hit = hit(&ray, root, surfaces, space, !claim.is_empty());
+                            colours.add(&hit, &ray);
+                            sink.push(&hit)
+                        });
+                    if sink.wants_more()
+                        && let Some(hit) = last
+                    {
+                        colours.add(&hit, &ray);
+                        sink.push(&hit);
+                    }
                 }
                 Entry::Misses { certain: missed } => certain &= missed,
             }
             if sink.hits() == 0 && certain {
                 claim = Claim::EMPTY;
             }
-            sink.finish(claim, (work.cubes - before) as u32);
+            let (hits, cubes) = (sink.hits(), (work.cubes - before) as u32);
+            sink.finish(claim, cubes);
+            if let Some(rgba) = colours.rgba() {
+                out.set_pixel(
+                    x,
+                    y,
+                    &Pixel {
+                        hits,
+                        claim,
+                        rgba,
+                        work: cubes,
+                    },
+                );
+            }
         }
         work
     }

@@ -9,19 +9,25 @@
 //! **Architecture invariants.** No other method is imported. Nothing prints.
 
 mod bricks;
+mod caps;
 pub mod classify;
 mod cpu;
 mod cube;
 #[cfg(feature = "gpu")]
 mod gpu;
+pub mod lists;
 pub mod newton;
 mod packet;
+mod paint;
 #[cfg(test)]
 mod proofs;
 mod ray;
 mod roots;
+mod smooth;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod use_tests;
 mod walk;
 
 pub use cpu::{TETSPLINE_CPU, TetsplineCpu};

@@ -10,7 +10,7 @@ use crate::bricks::{Active, Datum, SIDE, bit};
 use crate::cube::{self, Data};
 use crate::ray::{Bounds, FORMS, Walk, three};
 use crate::roots::{Chain, Finder, Found};
-use isobar_fields::type6::kind_of;
+use isobar_fields::type6::{DENOMINATOR, DeterminingSet, kind_of};
 
 #[inline(always)]
 fn nearest(t: [f64; 3]) -> usize {
@@ -36,6 +36,12 @@ fn hull(b: &[f64; 20]) -> (f64, f64) {
         }
     }
     (lo[0].min(lo[1]).min(lo[2].min(lo[3])), hi[0].max(hi[1]).max(hi[2].max(hi[3])))
+}
+
+/// The 20 coefficients of a kind from a stored determining set, by the averaging rules.
+#[inline(never)]
+fn averaged(set: &DeterminingSet<f64>, kind: usize) -> [f64; 20] {
+    set.coefficients(kind).map(|v| v * (1.0 / f64::from(DENOMINATOR)))
 }
 
 /// A root along the ray.
@@ -209,8 +215,14 @@ impl<T: Datum> Search<'_, T> {
                     cubes.keep(b, kinds);
                     kinds
                 });
-                if kinds != 0 && !self.cube(way, cube, kinds, t, te) {
-                    return false;
+                if kinds != 0 {
+                    let set = cubes.set(b, || {
+                        let data = self.gather(cube);
+                        DeterminingSet::new(&std::array::from_fn(|n| data[n]))
+                    });
+                    if !self.cube(way, cube, kinds, set, [t, te]) {
+                        return false;
+                    }
                 }
             }
             if te >= t1 {
@@ -274,7 +286,14 @@ impl<T: Datum> Search<'_, T> {
 
     /// The active tetrahedra of a cube in the order of the ray. Returns whether to go on.
     #[inline(always)]
-    fn cube<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>, cube: [i32; 3], kinds: u32, t0: f64, t1: f64) -> bool {
+    fn cube<F: FnMut(&Root) -> bool>(
+        &self,
+        way: &mut Way<'_, F>,
+        cube: [i32; 3],
+        kinds: u32,
+        set: Option<&DeterminingSet<f64>>,
+        [t0, t1]: [f64; 2],
+    ) -> bool {
         way.work.active += 1;
         let w = way.walk;
         // Sorted parameters of the six planes inside.
@@ -303,8 +322,11 @@ impl<T: Datum> Search<'_, T> {
                 if way.end != from && !self.skip(way) {
                     return false;
                 }
-                let data = data.get_or_insert_with(|| self.gather(cube));
-                if !self.tetrahedron(way, data, kind, [from, to], [p, q]) {
+                let b = match set {
+                    Some(set) => averaged(set, kind),
+                    None => cube::patch(data.get_or_insert_with(|| self.gather(cube)), kind),
+                };
+                if !self.tetrahedron(way, &b, kind, [from, to], [p, q]) {
                     return false;
                 }
                 way.end = to;
@@ -318,16 +340,15 @@ impl<T: Datum> Search<'_, T> {
     fn tetrahedron<F: FnMut(&Root) -> bool>(
         &self,
         way: &mut Way<'_, F>,
-        data: &Data,
+        b: &[f64; 20],
         kind: usize,
         t: [f64; 2],
         [p, q]: [[f64; 3]; 2],
     ) -> bool {
         way.work.tets += 1;
-        let b = cube::patch(data, kind);
         // Of kept tetrahedra the hull is known to hold an isovalue: with a single one it decides nothing.
         let known = self.active.keeps() && self.bounds.len() == 1;
-        let (least, greatest) = if known { (f64::NEG_INFINITY, f64::INFINITY) } else { hull(&b) };
+        let (least, greatest) = if known { (f64::NEG_INFINITY, f64::INFINITY) } else { hull(b) };
         let mut cubic: Option<[f64; 4]> = None;
         let phi = || [cube::barycentric(kind, p), cube::barycentric(kind, q)];
         let (d, last) = (way.walk.d, &mut way.jet);
@@ -348,9 +369,9 @@ impl<T: Datum> Search<'_, T> {
                     let [v0, s0] = if last.0 == t[0] {
                         last.1
                     } else {
-                        cube::jet(&b, cube::barycentric(kind, p), step)
+                        cube::jet(b, cube::barycentric(kind, p), step)
                     };
-                    let [v1, s1] = cube::jet(&b, cube::barycentric(kind, q), step);
+                    let [v1, s1] = cube::jet(b, cube::barycentric(kind, q), step);
                     *last = (t[1], [v1, s1]);
                     [v0, v0 + third * s0, v1 - third * s1, v1]
                 });
@@ -362,7 +383,7 @@ impl<T: Datum> Search<'_, T> {
         if found.is_empty() {
             return true;
         }
-        self.deliver(way, &b, kind, t, phi())
+        self.deliver(way, b, kind, t, phi())
     }
 
     /// Hands over the roots found last, in order. They lie in this tetrahedron, or where the one before ended.

@@ -3,9 +3,9 @@
 use super::camera::{self, MOST_CLIPS};
 use super::data::Prepared;
 use super::feature;
-use super::layout::{Texel, View as Uniform};
+use super::layout::{self, Texel, View as Uniform};
 use super::programs::{FORMAT, Rays};
-use isobar_core::{RenderError, View};
+use isobar_core::{Hit, RenderError, View};
 use isobar_cpu::Pool;
 use isobar_gpu::rays::{Entry, FixedRay, Rectangle};
 use isobar_gpu::{Gpu, Target, wgpu};
@@ -100,4 +100,22 @@ pub(super) fn bands(
         })
     });
     Ok((rectangle, bands.collect::<Result<_, RenderError>>()?))
+}
+
+/// A hit of the target, as the frame holds it but for its point.
+pub(super) fn hit(h: &Texel, entry: Option<&Entry>) -> Option<Hit> {
+    if h[1] & layout::HIT == 0 {
+        return None;
+    }
+    let s = f64::from(f32::from_bits(h[0]));
+    let t = match entry {
+        Some(e) if h[1] & layout::WORLD == 0 => e.t + (f64::from(h[1] & 0xffff) + s).max(0.0) / e.speed,
+        _ => s,
+    };
+    Some(Hit {
+        t,
+        normal: layout::normal([h[2], h[3]]),
+        surface: (h[1] >> 16 & 255) as u8,
+        ..Hit::NONE
+    })
 }

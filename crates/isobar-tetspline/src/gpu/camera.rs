@@ -20,7 +20,7 @@ const COVER: f64 = 1.0 / 30.0;
 pub(super) const MOST_CLIPS: usize = PLANES - 6;
 
 /// The camera's orthonormal frame, half the height of its image (at distance 1, or in the world), and whether rays are parallel; `None` for lists of rays.
-fn lens(view: &View) -> Option<(DVec3, [DVec3; 3], f64, bool)> {
+pub(super) fn lens(view: &View) -> Option<(DVec3, [DVec3; 3], f64, bool)> {
     let (eye, target, up, scale, parallel) = match view.camera {
         Camera::Rays(_) => return None,
         Camera::Perspective { eye, target, up, fov } => (eye, target, up, (fov.to_radians() * 0.5).tan(), false),

@@ -1,6 +1,8 @@
 //! Data on the device: a 3D texture in their own type, read by explicit loads.
 
 use super::INFO;
+use super::settings::Settings;
+use super::smooth::gaussian;
 use isobar_core::{DVec3, Data, DataError, Domain, RenderError, Samples, Stage, Tetrahedral as _};
 use isobar_cpu::scene::grid;
 use isobar_fields::{Coefficients, Type6Spline};
@@ -11,7 +13,11 @@ use std::sync::Arc;
 /// What is made of the data.
 #[derive(Debug)]
 pub(super) struct Prepared {
+    /// As given.
     pub(super) data: Arc<Data>,
+    /// As drawn: smoothed where that is asked for.
+    pub(super) drawn: Arc<Data>,
+    pub(super) smooth: f64,
     pub(super) spline: Type6Spline,
     pub(super) volume: Volume,
     pub(super) to_index: ToIndex,
@@ -23,8 +29,15 @@ pub(super) struct Prepared {
 
 impl Prepared {
     /// Filters where asked for, and uploads; into the texture of `old` where it fits, so that a time step costs no allocation (K25).
-    pub(super) fn new(gpu: &Gpu, data: &Arc<Data>, prefiltered: bool, old: Option<&Self>) -> Result<Self, RenderError> {
-        let grid = grid(&INFO, data)?;
+    pub(super) fn new(gpu: &Gpu, data: &Arc<Data>, settings: &Settings, old: Option<&Self>) -> Result<Self, RenderError> {
+        let (prefiltered, smooth) = (settings.prefiltered, settings.smooth);
+        let given = grid(&INFO, data)?;
+        let drawn = if smooth > 0.0 {
+            Arc::new(Data::Grid(gaussian(gpu, given, smooth)?))
+        } else {
+            Arc::clone(data)
+        };
+        let grid = grid(&INFO, &drawn)?;
         let dims = grid.dims;
         let spline = if prefiltered {
             Type6Spline::prefiltered(grid, Stage::Stored)?
@@ -69,12 +82,14 @@ impl Prepared {
         let domain = grid.domain();
         Ok(Self {
             data: Arc::clone(data),
+            smooth,
             volume,
             to_index: ToIndex::new(&domain, true),
             domain,
             range: (range.lo, range.hi),
             prefiltered,
             spline,
+            drawn,
         })
     }
 

@@ -69,6 +69,28 @@ pub(super) struct Part {
     pub(super) sets: Option<wgpu::Buffer>,
     /// Active cubes and tetrahedra.
     pub(super) counts: [u32; 2],
+    /// What of it the view may see.
+    culled: Option<Culled>,
+}
+
+/// The tetrahedra of a part that the view frustum may hold: as in [`Part`].
+#[derive(Debug)]
+struct Culled {
+    masks: wgpu::Buffer,
+    totals: wgpu::Buffer,
+    bases: wgpu::Buffer,
+    draws: wgpu::Buffer,
+    tetrahedra: wgpu::Buffer,
+    /// They are those of the view set.
+    current: bool,
+}
+
+/// What a part is drawn from.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Drawn<'a> {
+    pub(super) bases: &'a wgpu::Buffer,
+    pub(super) draws: &'a wgpu::Buffer,
+    pub(super) tetrahedra: &'a wgpu::Buffer,
 }
 
 impl Part {
@@ -90,6 +112,7 @@ impl Part {
                 .then(|| gpu.storage_empty("determining sets", cubes * SET_BYTES))
                 .transpose()?,
             counts: [0; 2],
+            culled: None,
         })
     }
 
@@ -103,7 +126,53 @@ impl Part {
             &self.draws,
             &self.tetrahedra,
         ];
-        all.iter().map(|b| b.size()).sum::<u64>() + self.sets.as_ref().map_or(0, wgpu::Buffer::size)
+        let culled = self
+            .culled
+            .iter()
+            .flat_map(|c| [&c.masks, &c.totals, &c.bases, &c.draws, &c.tetrahedra]);
+        all.into_iter().chain(culled).map(wgpu::Buffer::size).sum::<u64>() + self.sets.as_ref().map_or(0, wgpu::Buffer::size)
+    }
+
+    /// The active tetrahedra to draw: those that the view may see, where they were culled.
+    pub(super) fn drawn(&self) -> Drawn<'_> {
+        match self.culled.as_ref().filter(|c| c.current) {
+            Some(c) => Drawn {
+                bases: &c.bases,
+                draws: &c.draws,
+                tetrahedra: &c.tetrahedra,
+            },
+            None => Drawn {
+                bases: &self.bases,
+                draws: &self.draws,
+                tetrahedra: &self.tetrahedra,
+            },
+        }
+    }
+
+    /// Room for what the view sees of it.
+    fn make_room(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
+        if self.culled.is_none() {
+            let words = |what: &str, like: &wgpu::Buffer| gpu.storage_empty(what, like.size());
+            self.culled = Some(Culled {
+                masks: words("kinds of visible cubes", &self.masks)?,
+                totals: words("visible tetrahedra by block", &self.totals)?,
+                bases: words("beginnings of visible lists", &self.bases)?,
+                draws: gpu.indirect_empty("visible draw arguments", 24 * 16)?,
+                tetrahedra: words("visible tetrahedra", &self.tetrahedra)?,
+                current: false,
+            });
+        }
+        Ok(())
+    }
+
+    fn params(&self, subject: &Subject<'_>) -> Params {
+        Params {
+            room_cubes: self.room_cubes,
+            room_tets: self.room_tets,
+            slots: u32::from(subject.stored),
+            blocks: self.room_cubes.div_ceil(BLOCK),
+            ..subject.params
+        }
     }
 
     /// Bytes that the lists of what is active need: Q_active, T_active, stored determining sets.
@@ -119,6 +188,9 @@ struct Scratch {
     flags: wgpu::Buffer,
     scan: wgpu::Buffer,
     sums: wgpu::Buffer,
+    /// Least and greatest datum around 256 cubes each; of the data at hand, once `ranged` is set.
+    ranges: wgpu::Buffer,
+    ranged: bool,
 }
 
 /// The lists of a volume.
@@ -147,6 +219,8 @@ impl Lists {
                 flags: gpu.storage_empty("flags of cubes", 4 * chunk)?,
                 scan: gpu.storage_empty("scan of flags", 4 * chunk)?,
                 sums: gpu.storage_empty("sums of blocks", 4 * chunk.div_ceil(u64::from(BLOCK)))?,
+                ranges: gpu.storage_empty("ranges of blocks", 8 * u64::from(cubes.max(1).div_ceil(BLOCK)))?,
+                ranged: false,
             },
             limits,
             parts: Vec::new(),
@@ -168,9 +242,84 @@ impl Lists {
         Part::new(gpu, range, room, room.saturating_mul(8).min(tets), stored)
     }
 
+    /// The data are others, of the same size.
+    pub(super) fn forget_data(&mut self) {
+        self.scratch.ranged = false;
+    }
+
+    /// The least and greatest datum of all blocks, where the data are new.
+    fn range(&mut self, gpu: &Gpu, kernels: &ListKernels, subject: &Subject<'_>) -> Result<(), GpuError> {
+        if self.scratch.ranged {
+            return Ok(());
+        }
+        let count = subject.params.dims.iter().product();
+        let params = Params {
+            count,
+            bias: [0.0; 2],
+            ..subject.params
+        };
+        let uniform = gpu.uniform("parameters", &params)?;
+        let bind = kernels.ranges.bind(
+            gpu,
+            &[
+                (0, wgpu::BindingResource::TextureView(subject.volume.view())),
+                (1, uniform.as_entire_binding()),
+                (3, self.scratch.ranges.as_entire_binding()),
+            ],
+        )?;
+        gpu.run("ranges of blocks", 1, |w| w.compute(&kernels.ranges, &bind, groups(count)))?;
+        self.scratch.ranged = true;
+        Ok(())
+    }
+
+    /// Leaves out of every part what the frustum does not hold; all is drawn without planes. No number comes back.
+    pub(super) fn cull(
+        &mut self,
+        gpu: &Gpu,
+        kernels: &ListKernels,
+        subject: &Subject<'_>,
+        planes: Option<&super::cull::Planes>,
+    ) -> Result<(), GpuError> {
+        for part in &mut self.parts {
+            if let Some(c) = &mut part.culled {
+                c.current = false;
+            }
+            let Some(planes) = planes else { continue };
+            part.make_room(gpu)?;
+            let params = part.params(subject);
+            let (uniform, frustum) = (gpu.uniform("parameters", &params)?, gpu.storage("frustum", planes)?);
+            let Some(c) = &part.culled else { continue };
+            let bind = kernels.cull.bind(
+                gpu,
+                &[
+                    (1, uniform.as_entire_binding()),
+                    (2, frustum.as_entire_binding()),
+                    (3, part.state.as_entire_binding()),
+                    (4, part.cubes.as_entire_binding()),
+                    (5, part.masks.as_entire_binding()),
+                    (6, c.totals.as_entire_binding()),
+                    (7, c.masks.as_entire_binding()),
+                ],
+            )?;
+            let to = [&c.masks, &c.totals, &c.bases, &c.draws, &c.tetrahedra];
+            let [offsets, arguments, lists] = bind_lists(gpu, kernels, part, &uniform, to)?;
+            gpu.run("culling", 4, |w| {
+                w.compute_indirect(&kernels.cull, &bind, &part.state, 0);
+                w.compute(&kernels.offsets, &offsets, [24, 1, 1]);
+                w.compute(&kernels.arguments, &arguments, [1, 1, 1]);
+                w.compute_indirect(&kernels.lists, &lists, &part.state, 0);
+            })?;
+            if let Some(c) = &mut part.culled {
+                c.current = true;
+            }
+        }
+        Ok(())
+    }
+
     /// Finds everything active anew.
     pub(super) fn rebuild(&mut self, gpu: &Gpu, kernels: &ListKernels, subject: &Subject<'_>) -> Result<(), GpuError> {
         let mut total: Option<[Duration; 2]> = gpu.report().timestamps.then_some([Duration::ZERO; 2]);
+        self.range(gpu, kernels, subject)?;
         let mut at = 0;
         while at < self.parts.len() {
             let (outcome, times) = self.build(gpu, kernels, subject, at)?;
@@ -202,13 +351,7 @@ impl Lists {
         at: usize,
     ) -> Result<(Outcome, Option<[Duration; 2]>), GpuError> {
         let part = &self.parts[at];
-        let params = Params {
-            room_cubes: part.room_cubes,
-            room_tets: part.room_tets,
-            slots: u32::from(subject.stored),
-            blocks: part.room_cubes.div_ceil(BLOCK),
-            ..subject.params
-        };
+        let params = part.params(subject);
         let mut chunks = Vec::new();
         for first in part.range.clone().step_by(self.limits.chunk as usize) {
             let count = self.limits.chunk.min(part.range.end - first);
@@ -285,6 +428,7 @@ impl Lists {
                     (1, u.clone()),
                     (2, subject.levels.as_entire_binding()),
                     (3, flags.clone()),
+                    (4, s.ranges.as_entire_binding()),
                 ],
             )?,
             kernels.scan.bind(
@@ -310,7 +454,7 @@ impl Lists {
     /// Device bytes held.
     pub(super) fn bytes(&self) -> u64 {
         let s = &self.scratch;
-        s.flags.size() + s.scan.size() + s.sums.size() + self.parts.iter().map(Part::bytes).sum::<u64>()
+        s.flags.size() + s.scan.size() + s.sums.size() + s.ranges.size() + self.parts.iter().map(Part::bytes).sum::<u64>()
     }
 
     /// Bytes that what is active needs: Q_active, T_active, determining sets.
@@ -335,16 +479,10 @@ fn bind_rest(gpu: &Gpu, kernels: &ListKernels, subject: &Subject<'_>, part: &Par
     let uniform = gpu.uniform("parameters", params)?;
     let view = wgpu::BindingResource::TextureView(subject.volume.view());
     let u = uniform.as_entire_binding();
-    let [state, cubes, masks, totals, bases, draws, tetrahedra] = [
-        &part.state,
-        &part.cubes,
-        &part.masks,
-        &part.totals,
-        &part.bases,
-        &part.draws,
-        &part.tetrahedra,
-    ]
-    .map(wgpu::Buffer::as_entire_binding);
+    let [state, cubes, masks, totals] =
+        [&part.state, &part.cubes, &part.masks, &part.totals].map(wgpu::Buffer::as_entire_binding);
+    let to = [&part.masks, &part.totals, &part.bases, &part.draws, &part.tetrahedra];
+    let [offsets, arguments, lists] = bind_lists(gpu, kernels, part, &uniform, to)?;
     Ok(Rest {
         tetrahedra: kernels.tetrahedra.bind(
             gpu,
@@ -354,29 +492,13 @@ fn bind_rest(gpu: &Gpu, kernels: &ListKernels, subject: &Subject<'_>, part: &Par
                 (2, subject.levels.as_entire_binding()),
                 (3, state.clone()),
                 (4, cubes.clone()),
-                (5, masks.clone()),
-                (6, totals.clone()),
+                (5, masks),
+                (6, totals),
             ],
         )?,
-        offsets: kernels.offsets.bind(
-            gpu,
-            &[(1, u.clone()), (2, state.clone()), (3, totals.clone()), (4, bases.clone())],
-        )?,
-        arguments: kernels
-            .arguments
-            .bind(gpu, &[(1, u.clone()), (2, bases.clone()), (3, draws)])?,
-        lists: kernels.lists.bind(
-            gpu,
-            &[
-                (1, u.clone()),
-                (2, state.clone()),
-                (3, cubes.clone()),
-                (4, masks),
-                (5, totals),
-                (6, bases),
-                (7, tetrahedra),
-            ],
-        )?,
+        offsets,
+        arguments,
+        lists,
         sets: part
             .sets
             .as_ref()
@@ -386,6 +508,39 @@ fn bind_rest(gpu: &Gpu, kernels: &ListKernels, subject: &Subject<'_>, part: &Par
             })
             .transpose()?,
     })
+}
+
+/// The resources of the scans, the draw arguments and the 24 compactions of a part, from masks and into totals, bases, draws and tetrahedra.
+fn bind_lists(
+    gpu: &Gpu,
+    kernels: &ListKernels,
+    part: &Part,
+    uniform: &wgpu::Buffer,
+    buffers: [&wgpu::Buffer; 5],
+) -> Result<[wgpu::BindGroup; 3], GpuError> {
+    let [masks, totals, bases, draws, tetrahedra] = buffers.map(wgpu::Buffer::as_entire_binding);
+    let (u, state) = (uniform.as_entire_binding(), part.state.as_entire_binding());
+    Ok([
+        kernels.offsets.bind(
+            gpu,
+            &[(1, u.clone()), (2, state.clone()), (3, totals.clone()), (4, bases.clone())],
+        )?,
+        kernels
+            .arguments
+            .bind(gpu, &[(1, u.clone()), (2, bases.clone()), (3, draws)])?,
+        kernels.lists.bind(
+            gpu,
+            &[
+                (1, u),
+                (2, state),
+                (3, part.cubes.as_entire_binding()),
+                (4, masks),
+                (5, totals),
+                (6, bases),
+                (7, tetrahedra),
+            ],
+        )?,
+    ])
 }
 
 /// The isovalues inside a range, ascending, less the bias, and the bias as a sum of two f32.

@@ -16,7 +16,7 @@
 
 mod bands;
 mod camera;
-mod claims;
+mod cull;
 mod data;
 mod generate;
 mod layout;
@@ -24,6 +24,7 @@ mod lists;
 mod programs;
 mod renderer;
 mod settings;
+mod smooth;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
@@ -32,7 +33,7 @@ mod twin;
 use isobar_core::{
     Camera, DataKind, KnobKind, KnobSpec, Method, MethodInfo, RenderError, Renderer, Request, Scene, Unsupported, View,
 };
-use isobar_cpu::scene::{check_clipped_scene, check_open_cuts, check_request};
+use isobar_cpu::scene::{check_clipped_scene, check_request};
 use isobar_gpu::Gpu;
 
 /// The paper's renderer on the GPU.
@@ -77,6 +78,20 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
             kind: KnobKind::Choice(&["coefficients", "data", "paper"]),
         },
         KnobSpec {
+            name: "smooth",
+            doc: "standard deviation, in voxels, of a Gaussian that the samples are smoothed with first, on the device; 0: as they are",
+            kind: KnobKind::Float {
+                default: 0.0,
+                min: 0.0,
+                max: 16.0,
+            },
+        },
+        KnobSpec {
+            name: "cull",
+            doc: "on: only the active tetrahedra inside the view frustum are sent, found once per view; off: all of them",
+            kind: KnobKind::Choice(&["on", "off"]),
+        },
+        KnobSpec {
             name: "claims",
             doc: "off: nothing is claimed; cpu: every pixel is proved again by tetspline/cpu, at its cost",
             kind: KnobKind::Choice(&["off", "cpu"]),
@@ -99,9 +114,8 @@ fn feature(what: impl Into<String>) -> Unsupported {
     }
 }
 
-/// Refuses closed cuts and lists of rays: tetrahedra are projected by a camera.
+/// Refuses lists of rays: tetrahedra are projected by a camera.
 fn check_view(view: &View) -> Result<(), Unsupported> {
-    check_open_cuts(&INFO, view)?;
     if matches!(view.camera, Camera::Rays(_)) {
         return Err(feature("lists of rays, because it projects by a camera; use tetspline/cpu"));
     }
@@ -115,7 +129,10 @@ impl Method for TetsplineGpu {
 
     /// Also opens the shared device, which later calls find open.
     fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
-        check_clipped_scene(&INFO, scene, request)?;
+        // Cuts may be closed: they are as good as open ones here.
+        let mut view = scene.view.clone();
+        view.clips.iter_mut().for_each(|c| c.cap = false);
+        check_clipped_scene(&INFO, &Scene { view: &view, ..*scene }, request)?;
         check_view(scene.view)?;
         Gpu::shared().map(|_| ()).map_err(|e| machine(&e))
     }

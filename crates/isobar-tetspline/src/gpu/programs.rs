@@ -28,6 +28,9 @@ pub(super) const SNIPPETS: Snippets = &[
     ("tet_offsets", include_str!("../../shaders/tet_offsets.wgsl")),
     ("tet_arguments", include_str!("../../shaders/tet_arguments.wgsl")),
     ("tet_lists", include_str!("../../shaders/tet_lists.wgsl")),
+    ("tet_ranges", include_str!("../../shaders/tet_ranges.wgsl")),
+    ("tet_smooth", include_str!("../../shaders/tet_smooth.wgsl")),
+    ("tet_cull", include_str!("../../shaders/tet_cull.wgsl")),
     ("tet_sets", include_str!("../../shaders/tet_sets.wgsl")),
     ("tet_draw_layout", include_str!("../../shaders/tet_draw_layout.wgsl")),
     ("tet_vertex", include_str!("../../shaders/tet_vertex.wgsl")),
@@ -92,6 +95,10 @@ pub(super) struct ListKernels {
     pub(super) arguments: Kernel,
     pub(super) lists: Kernel,
     pub(super) sets: Kernel,
+    /// Once per data set.
+    pub(super) ranges: Kernel,
+    /// Once per view.
+    pub(super) cull: Kernel,
 }
 
 impl ListProgram {
@@ -109,7 +116,8 @@ impl ListProgram {
         let before: &[&str] = match entry {
             "tet_classify" => rule,
             "tet_tetrahedra" => &["tet_cube", "kinds", "tet_kinds_of", "tet_counts"],
-            "tet_lists" => &["tet_counts"],
+            "tet_lists" | "tet_cull" => &["tet_counts"],
+            "tet_ranges" => &["tet_cube"],
             "tet_sets" => &["store_set"],
             _ => &[],
         };
@@ -129,6 +137,8 @@ impl ListProgram {
             arguments: kernel("draw arguments", "tet_arguments")?,
             lists: kernel("lists of tetrahedra", "tet_lists")?,
             sets: kernel("determining sets", "tet_sets")?,
+            ranges: kernel("ranges of blocks", "tet_ranges")?,
+            cull: kernel("culling", "tet_cull")?,
         })
     }
 }
@@ -211,6 +221,8 @@ mod tests {
             "arguments",
             "lists",
             "sets",
+            "ranges",
+            "cull",
         ];
         for texel in [Texel::F32, Texel::U8, Texel::I16] {
             for rule in [Rule::Data, Rule::Coefficients, Rule::DeterminingSet] {
@@ -223,6 +235,7 @@ mod tests {
                 }
             }
         }
+        shader::validate("smooth", &crate::gpu::smooth::source().unwrap()).unwrap();
         for roots in [Roots::Bracketed, Roots::Newton3, Roots::Analytic, Roots::Hull] {
             for rays in [Rays::Exact, Rays::Interpolated] {
                 for (texel, stored) in [(Texel::U8, false), (Texel::F32, true)] {

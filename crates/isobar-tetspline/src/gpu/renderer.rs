@@ -1,23 +1,25 @@
 //! The renderer: what is kept between calls on the host and on the device.
 
 use super::bands::{self, Band};
-use super::claims::Prover;
 use super::data::Prepared;
 use super::layout::{self, Level, Params, Texel, View as Uniform};
 use super::lists::{self, Limits, Lists, Subject};
 use super::programs::{DrawProgram, FORMAT, ListKernels, ListProgram, Rays};
 use super::settings::Settings;
-use super::{INFO, check_view, generate};
+use super::{INFO, check_view, cull, generate};
+use crate::TETSPLINE_CPU;
+use crate::caps::Caps;
+use crate::ray::Space;
 use bytemuck::Zeroable;
 use isobar_core::{
-    Channels, Claim, Counters, Data, Frame, Function, Hit, Knobs, Memory, NO_SURFACE, RenderError, RenderTime, Renderer, Request,
-    Stage, Stop, Surface, TransferFunction, View,
+    Channels, Claim, Counters, Data, Frame, Function, Knobs, Memory, RenderError, RenderTime, Renderer, Request, Stage, Stop,
+    Surface, TransferFunction, View,
 };
 use isobar_cpu::scene::{Isovalues, check_medium};
 use isobar_cpu::{PixelSink, Pool, is_visible, render_tiles};
 use isobar_fields::Type6Spline;
 use isobar_gpu::rays::{Entry, Rectangle};
-use isobar_gpu::{Gpu, Raster, Target, wgpu};
+use isobar_gpu::{Gpu, Prover, Raster, Target, wgpu};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -48,6 +50,8 @@ pub(super) struct TetsplineRenderer {
     lists: Option<Lists>,
     /// The lists and isovalues are those of the data and surfaces set.
     listed: Option<(Vec<Level>, [f32; 2])>,
+    /// The lists are culled by the view set.
+    culled: bool,
     rectangle: Rectangle,
     bands: Vec<Band>,
     prover: Option<Prover>,
@@ -75,6 +79,7 @@ impl TetsplineRenderer {
             view: None,
             lists: None,
             listed: None,
+            culled: false,
             rectangle: Rectangle::default(),
             bands: Vec::new(),
             prover: None,
@@ -109,16 +114,12 @@ impl TetsplineRenderer {
         if !settings.claims || !self.request.channels.intersects(Channels::CLAIM | Channels::T_ERROR) {
             return Ok(None);
         }
-        let mut p = Prover::new(&self.request, settings.reconstruction())?;
-        if let Some(prepared) = &self.prepared {
-            p.set_data(&prepared.data)?;
-        }
-        if self.surfaces.is_some() {
-            p.set_surfaces(&self.given)?;
-        }
-        if let Some(view) = &self.view {
-            p.set_view(view)?;
-        }
+        let knobs = Knobs::default()
+            .with("reconstruction", settings.reconstruction())
+            .with("claims", "on");
+        let mut p = Prover::new(&TETSPLINE_CPU, &self.request, knobs)?;
+        let surfaces = self.surfaces.as_ref().map(|_| self.given.as_slice());
+        p.set(self.prepared.as_ref().map(|p| &p.drawn), surfaces, self.view.as_ref())?;
         Ok(Some(p))
     }
 
@@ -148,6 +149,9 @@ impl TetsplineRenderer {
         if !same_dims {
             self.lists = None;
         }
+        if let Some(l) = &mut self.lists {
+            l.forget_data();
+        }
         self.prepared = Some(prepared);
         self.listed = None;
         self.drawn = false;
@@ -176,7 +180,7 @@ impl TetsplineRenderer {
             return Err(RenderError::NotReady("set_surfaces"));
         };
         if self.listed.is_some() {
-            return Ok(());
+            return self.ensure_culled();
         }
         let (levels, bias) = lists::levels(surfaces, prepared.range);
         self.gpu.write(&self.levels, bytemuck::cast_slice(&levels))?;
@@ -202,6 +206,34 @@ impl TetsplineRenderer {
         lists.rebuild(&self.gpu, &kernels, &subject)?;
         self.lists = Some(lists);
         self.listed = Some((levels, bias));
+        self.culled = false;
+        self.ensure_culled()
+    }
+
+    /// Leaves out what the view does not see, once per view and change of the lists.
+    fn ensure_culled(&mut self) -> Result<(), RenderError> {
+        let (Some(prepared), Some(view), Some((levels, bias)), false) = (&self.prepared, &self.view, &self.listed, self.culled)
+        else {
+            return Ok(());
+        };
+        let (texel, rule) = (prepared.volume.texel(), self.settings.rule);
+        let planes = if self.settings.cull {
+            cull::planes(view, &prepared.domain)
+        } else {
+            None
+        };
+        let params = Self::params(prepared, levels, *bias);
+        let kernels = self.list_kernels(ListProgram { texel, rule })?;
+        if let (Some(lists), Some(prepared)) = (&mut self.lists, &self.prepared) {
+            let subject = Subject {
+                volume: &prepared.volume,
+                levels: &self.levels,
+                params,
+                stored: self.settings.stored,
+            };
+            lists.cull(&self.gpu, &kernels, &subject, planes.as_ref())?;
+            self.culled = true;
+        }
         Ok(())
     }
 
@@ -273,7 +305,7 @@ impl TetsplineRenderer {
                     for (part, bind) in lists.parts.iter().zip(&binds) {
                         pass.set_bind_group(0, bind, &[]);
                         for kind in 0..24 {
-                            pass.draw_indirect(&part.draws, 16 * kind);
+                            pass.draw_indirect(part.drawn().draws, 16 * kind);
                         }
                     }
                 });
@@ -308,8 +340,8 @@ impl TetsplineRenderer {
                 (1, params.as_entire_binding()),
                 (2, self.levels.as_entire_binding()),
                 (3, self.uniform.as_entire_binding()),
-                (4, part.tetrahedra.as_entire_binding()),
-                (5, part.bases.as_entire_binding()),
+                (4, part.drawn().tetrahedra.as_entire_binding()),
+                (5, part.drawn().bases.as_entire_binding()),
             ];
             match &part.sets {
                 Some(sets) => resources.extend([
@@ -331,27 +363,13 @@ impl TetsplineRenderer {
         Ok(out)
     }
 
-    /// A hit of the target, as the frame holds it.
-    fn hit(h: &Texel, entry: Option<&Entry>) -> Option<Hit> {
-        if h[1] & layout::HIT == 0 {
-            return None;
-        }
-        let s = f64::from(f32::from_bits(h[0]));
-        let t = match entry {
-            Some(e) if h[1] & layout::WORLD == 0 => e.t + (f64::from(h[1] & 0xffff) + s).max(0.0) / e.speed,
-            _ => s,
-        };
-        Some(Hit {
-            t,
-            normal: layout::normal([h[2], h[3]]),
-            surface: (h[1] >> 16 & 255) as u8,
-            ..Hit::NONE
-        })
-    }
-
     /// Writes the layers of all bands into the frame.
     fn collect(&self, view: &View, channels: Channels, out: &mut Frame) -> Result<(), RenderError> {
-        let surfaces = self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?.all();
+        let prepared = self.prepared.as_ref().ok_or(RenderError::NotReady("set_data"))?;
+        let isovalues = self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
+        let (surfaces, space) = (isovalues.all(), Space::new(prepared.domain));
+        // Closed cuts are found on the host: one value of the spline for each end of a ray.
+        let caps = Caps::new(&prepared.spline, &space, isovalues, view);
         let request = Request {
             channels,
             ..self.request.clone()
@@ -364,43 +382,28 @@ impl TetsplineRenderer {
                 let ray = generator.ray(x, y);
                 let mut sink = PixelSink::new(out, x, y, &ray, surfaces);
                 let mut work = 0;
+                let [first, last] = caps.map_or([None; 2], |c| c.ends(&ray));
+                if let Some(hit) = first {
+                    sink.push(&hit);
+                }
                 if (r.x..r.x + r.width).contains(&x) && (r.y..r.y + r.height).contains(&y) {
                     let band = &bands[(y - r.y) / rows];
                     let at = (y - band.y) * r.width + x - r.x;
                     work = band.fragments.get(at).copied().unwrap_or(0);
                     for layer in &band.layers {
-                        let Some(mut hit) = Self::hit(&layer[at], band.entries.get(at)) else {
+                        let Some(mut hit) = bands::hit(&layer[at], band.entries.get(at)).filter(|_| sink.wants_more()) else {
                             break;
                         };
                         hit.point = ray.at(hit.t);
-                        if !sink.push(&hit) {
-                            break;
-                        }
+                        sink.push(&hit);
                     }
+                }
+                if let Some(hit) = last.filter(|_| sink.wants_more()) {
+                    sink.push(&hit);
                 }
                 sink.finish(Claim::empty(), work);
             }
         })
-    }
-
-    /// Writes what the CPU proved into the frame.
-    fn claim(&mut self, out: &mut Frame) {
-        let (Some(prover), Some(prepared), Some(view)) = (&mut self.prover, &self.prepared, &self.view) else {
-            return;
-        };
-        (prover.proved, prover.unlike) = (0, 0);
-        let voxel = prepared.domain.voxel();
-        for i in 0..view.pixels() {
-            let t = out.t.get(i).copied().unwrap_or(f64::INFINITY);
-            let surface = out.surface.get(i).copied().unwrap_or(NO_SURFACE);
-            let (claim, error) = prover.claim(i, t, surface, voxel);
-            if let Some(c) = out.claim.get_mut(i) {
-                *c = claim;
-            }
-            if let Some(e) = out.t_error.get_mut(i) {
-                *e = error;
-            }
-        }
     }
 }
 
@@ -413,11 +416,9 @@ impl Renderer for TetsplineRenderer {
     fn set_data(&mut self, data: &Arc<Data>) -> Result<(), RenderError> {
         let settings = self.settings;
         let old = self.prepared.as_ref();
-        let prepared = self
-            .pool
-            .install(|| Prepared::new(&self.gpu, data, settings.prefiltered, old))?;
+        let prepared = self.pool.install(|| Prepared::new(&self.gpu, data, &settings, old))?;
         if let Some(p) = &mut self.prover {
-            p.set_data(data)?;
+            p.set(Some(&prepared.drawn), None, None)?;
         }
         self.replace(prepared, &settings)
     }
@@ -428,7 +429,7 @@ impl Renderer for TetsplineRenderer {
         self.listed = None;
         self.drawn = false;
         if let Some(p) = &mut self.prover {
-            p.set_surfaces(surfaces)?;
+            p.set(None, Some(surfaces), None)?;
         }
         Ok(())
     }
@@ -444,9 +445,9 @@ impl Renderer for TetsplineRenderer {
             (self.rectangle, self.bands) = self.bands(p, view, &self.settings)?;
         }
         self.view = Some(view.clone());
-        self.drawn = false;
+        (self.drawn, self.culled) = (false, false);
         if let Some(p) = &mut self.prover {
-            p.set_view(view)?;
+            p.set(None, None, Some(view))?;
         }
         Ok(())
     }
@@ -456,13 +457,14 @@ impl Renderer for TetsplineRenderer {
         if settings == self.settings {
             return Ok(());
         }
-        let prover = self.prover(&settings)?;
+        let mut prover = self.prover(&settings)?;
         if let Some(p) = &self.prepared {
-            if p.prefiltered != settings.prefiltered {
+            if (p.prefiltered, p.smooth) != (settings.prefiltered, settings.smooth) {
                 let data = Arc::clone(&p.data);
-                let prepared = self
-                    .pool
-                    .install(|| Prepared::new(&self.gpu, &data, settings.prefiltered, None))?;
+                let prepared = self.pool.install(|| Prepared::new(&self.gpu, &data, &settings, None))?;
+                if let Some(prover) = &mut prover {
+                    prover.set(Some(&prepared.drawn), None, None)?;
+                }
                 self.replace(prepared, &settings)?;
             } else if let (true, Some(view)) = (settings.rays != self.settings.rays, &self.view) {
                 (self.rectangle, self.bands) = self.bands(p, view, &settings)?;
@@ -476,7 +478,7 @@ impl Renderer for TetsplineRenderer {
         }
         self.settings = settings;
         self.prover = prover;
-        self.drawn = false;
+        (self.drawn, self.culled) = (false, false);
         Ok(())
     }
 
@@ -506,23 +508,11 @@ impl Renderer for TetsplineRenderer {
         let (Some(view), true) = (self.view.clone(), self.drawn) else {
             return Err(RenderError::NotReady("render"));
         };
-        // The proof compares t and surface, asked for or not.
         let channels = self.request.channels;
-        let needed = if self.prover.is_some() {
-            channels | Channels::T | Channels::SURFACE
-        } else {
-            channels
-        };
-        self.collect(&view, needed, out)?;
-        self.claim(out);
-        if needed != channels {
-            out.channels = channels;
-            if !channels.contains(Channels::T) {
-                out.t.clear();
-            }
-            if !channels.contains(Channels::SURFACE) {
-                out.surface.clear();
-            }
+        // The proof compares t and surface, asked for or not.
+        self.collect(&view, Prover::channels(self.prover.as_ref(), channels), out)?;
+        if let (Some(prover), Some(prepared)) = (&mut self.prover, &self.prepared) {
+            prover.write(out, &view, prepared.domain.voxel(), channels);
         }
         Ok(())
     }
@@ -576,9 +566,7 @@ impl Renderer for TetsplineRenderer {
         let fragments: u64 = self.bands.iter().flat_map(|b| &b.fragments).map(|n| u64::from(*n)).sum();
         out.push(("fragments", fragments));
         if let Some(p) = &self.prover {
-            out.push(("proof microseconds", p.time.as_micros() as u64));
-            out.push(("pixels proved", p.proved));
-            out.push(("pixels unlike the cpu", p.unlike));
+            out.extend(p.counters());
         }
         Counters(out)
     }

@@ -14,6 +14,9 @@ pub(super) struct Settings {
     pub(super) stored: bool,
     pub(super) rule: Rule,
     pub(super) claims: bool,
+    pub(super) cull: bool,
+    /// Standard deviation in voxels; 0: not smoothed.
+    pub(super) smooth: f64,
 }
 
 impl Settings {
@@ -39,6 +42,8 @@ impl Settings {
                 _ => Rule::Coefficients,
             },
             claims: k.word("claims") == "cpu",
+            cull: k.word("cull") == "on",
+            smooth: k.float("smooth"),
         })
     }
 

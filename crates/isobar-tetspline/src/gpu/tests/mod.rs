@@ -1,5 +1,6 @@
 //! Tests on an adapter: kernels against their twins, frames against the oracle and `tetspline/cpu`, variants, claims, errors.
 
+mod culling;
 mod frames;
 mod lists;
 mod scenes;

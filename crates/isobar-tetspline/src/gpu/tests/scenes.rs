@@ -4,7 +4,7 @@ use super::*;
 use crate::gpu::lists::Limits;
 use crate::gpu::renderer::TetsplineRenderer;
 use crate::gpu::{INFO, TETSPLINE_GPU};
-use isobar_core::{Algebraic, Camera, ClipPlane, DataError, RenderError, Sampling, SurfaceKind, TransferFunction, Unsupported};
+use isobar_core::{Algebraic, Camera, DataError, RenderError, Sampling, SurfaceKind, TransferFunction, Unsupported};
 
 fn noise() -> Arc<Data> {
     Arc::new(Data::Grid(random_grid([10, 11, 12], 3)))
@@ -65,17 +65,11 @@ fn what_cannot_be_drawn_is_refused_and_what_was_set_is_kept() {
         r.set_view(&View::rays(vec![view.ray(3, 3)])),
         Err(RenderError::Unsupported(Unsupported::Feature { .. }))
     ));
-    let mut capped = view.clone();
-    capped.clips.push(ClipPlane {
-        normal: DVec3::X,
-        distance: 0.0,
-        cap: true,
-    });
-    assert!(matches!(r.set_view(&capped), Err(RenderError::Unsupported(_))));
     for bad in [
         ("claims", "on"),
         ("roots", "certified"),
         ("rays", "7"),
+        ("cull", "maybe"),
         ("coefficients", "stored"),
     ] {
         assert!(
