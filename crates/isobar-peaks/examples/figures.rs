@@ -13,7 +13,7 @@
 
 mod common;
 
-use common::{Result, Volume, counter, draw, least, named, open};
+use common::{Result, Volume, counter, draw, least, named, open, settings};
 use image::{Rgb, RgbImage};
 use isobar_core::{Channels, Frame, Stage, Surface, SurfaceKind, TransferFunction, View, to_srgb8};
 use isobar_oracle::Difference;
@@ -322,13 +322,22 @@ fn five(path: &Path) -> Result<()> {
     )
 }
 
-/// The knobs of uniform sampling with about as many samples as `samples`.
+/// The knobs of uniform sampling with about as many samples as `samples`: sought on every fourth pixel of every fourth row, whose rays have the same steps.
 fn as_many(volume: &Volume, tf: &TransferFunction, view: &View, knobs: &str, samples: u64) -> Result<String> {
+    let few = View {
+        width: view.width / 4,
+        height: view.height / 4,
+        ..view.clone()
+    };
+    let samples = samples as f64 * few.pixels() as f64 / view.pixels() as f64;
     let mut step = 1.0;
     let uniform = |step: f64| format!("{knobs} sampling=uniform step={step}");
+    let mut r = open(&PEAKS_CPU_PAPER, volume, (&[], Some(tf)), &few, (Channels::RGBA, knobs))?;
     for _ in 0..5 {
-        let got = panel("", &PEAKS_CPU_PAPER, volume, (&[], tf), view, &uniform(step))?.samples;
-        step *= got as f64 / samples as f64;
+        r.set_knobs(&settings(&uniform(step))?)?;
+        draw(r.as_mut())?;
+        let got = counter(r.as_ref(), "samples") + counter(r.as_ref(), "samples for peaks");
+        step *= got as f64 / samples;
     }
     Ok(uniform(step))
 }

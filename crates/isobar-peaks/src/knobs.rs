@@ -1,4 +1,4 @@
-//! The settings of both methods.
+//! The settings of all methods.
 
 use crate::filter::Filter;
 use crate::paper::Mode;
@@ -55,6 +55,104 @@ pub(crate) static EXACT: MethodInfo = MethodInfo {
     sweep: ("tolerance", &["0.1", "0.01", "0.001", "0.0001", "0.00001"]),
 };
 
+const SAMPLING: KnobSpec = KnobSpec {
+    name: "sampling",
+    doc: "how steps grow along a ray; printed: by increments that fall short of the closed form",
+    kind: KnobKind::Choice(Law::NAMES),
+};
+
+const SK: KnobSpec = KnobSpec {
+    name: "sk",
+    doc: "steps at the image plane, in pixel footprints there",
+    kind: KnobKind::Float {
+        default: 4.0,
+        min: 1e-15,
+        max: 1e6,
+    },
+};
+
+const STEP: KnobSpec = KnobSpec {
+    name: "step",
+    doc: "uniform steps (and those of lists of rays), in voxels",
+    kind: KnobKind::Float {
+        default: 1.0,
+        min: 1e-15,
+        max: 1e6,
+    },
+};
+
+const PRECISION: KnobSpec = KnobSpec {
+    name: "precision",
+    doc: "of positions along a ray; single: summed, as on the paper's GPU",
+    kind: KnobKind::Choice(&["double", "single"]),
+};
+
+const MULTIPLIER: KnobSpec = KnobSpec {
+    name: "multiplier",
+    doc: "longer steps in macrocells with a small standard deviation",
+    kind: KnobKind::Choice(&["off", "on"]),
+};
+
+const INTEGRATION: KnobSpec = KnobSpec {
+    name: "integration",
+    doc: "of the medium on a segment; lum differs from engel only where it is shaded",
+    kind: KnobKind::Choice(SCHEMES),
+};
+
+const SHADING: KnobSpec = KnobSpec {
+    name: "shading",
+    doc: "shade the medium by the gradient",
+    kind: KnobKind::Choice(&["off", "on"]),
+};
+
+const ITERATIONS: KnobSpec = KnobSpec {
+    name: "iterations",
+    doc: "steps of the secant method",
+    kind: KnobKind::Int {
+        default: 3,
+        min: 1,
+        max: 64,
+    },
+};
+
+const BINS: KnobSpec = KnobSpec {
+    name: "bins",
+    doc: "of the peak table, per axis",
+    kind: KnobKind::Int {
+        default: 128,
+        min: 2,
+        max: 4096,
+    },
+};
+
+const TABLE: KnobSpec = KnobSpec {
+    name: "table",
+    doc: "the peak table: all peaks its bins touch, or those between the middles of its bins",
+    kind: KnobKind::Choice(&["covering", "printed"]),
+};
+
+const PEAKS: KnobSpec = KnobSpec {
+    name: "peaks",
+    doc: "most peaks in a segment",
+    kind: KnobKind::Int {
+        default: 4,
+        min: 1,
+        max: MOST_PEAKS as i64,
+    },
+};
+
+const PREINTEGRATION: KnobSpec = KnobSpec {
+    name: "preintegration",
+    doc: "bins of the pre-integration table, per axis",
+    kind: KnobKind::Int {
+        default: 256,
+        min: 2,
+        max: 4096,
+    },
+};
+
+const SCHEMES: &[&str] = &["post", "engel", "lum", "analytic"];
+
 pub(crate) static PAPER: MethodInfo = MethodInfo {
     id: "peaks/cpu-paper",
     summary: "as printed: sampled rays, peaks by the rule of signs and three secant steps; post-classification and pre-integration",
@@ -67,99 +165,61 @@ pub(crate) static PAPER: MethodInfo = MethodInfo {
         RECONSTRUCTION,
         MODE,
         MACROCELLS,
-        KnobSpec {
-            name: "sampling",
-            doc: "how steps grow along a ray; printed: by increments that fall short of the closed form",
-            kind: KnobKind::Choice(Law::NAMES),
-        },
-        KnobSpec {
-            name: "sk",
-            doc: "steps at the image plane, in pixel footprints there",
-            kind: KnobKind::Float {
-                default: 4.0,
-                min: 1e-15,
-                max: 1e6,
-            },
-        },
-        KnobSpec {
-            name: "step",
-            doc: "uniform steps (and those of lists of rays), in voxels",
-            kind: KnobKind::Float {
-                default: 1.0,
-                min: 1e-15,
-                max: 1e6,
-            },
-        },
-        KnobSpec {
-            name: "precision",
-            doc: "of positions along a ray; single: summed, as on the paper's GPU",
-            kind: KnobKind::Choice(&["double", "single"]),
-        },
-        KnobSpec {
-            name: "multiplier",
-            doc: "longer steps in macrocells with a small standard deviation",
-            kind: KnobKind::Choice(&["off", "on"]),
-        },
-        KnobSpec {
-            name: "integration",
-            doc: "of the medium on a segment; lum differs from engel only where it is shaded",
-            kind: KnobKind::Choice(&["post", "engel", "lum", "analytic"]),
-        },
-        KnobSpec {
-            name: "shading",
-            doc: "shade the medium by the gradient",
-            kind: KnobKind::Choice(&["off", "on"]),
-        },
-        KnobSpec {
-            name: "iterations",
-            doc: "steps of the secant method",
-            kind: KnobKind::Int {
-                default: 3,
-                min: 1,
-                max: 64,
-            },
-        },
-        KnobSpec {
-            name: "bins",
-            doc: "of the peak table, per axis",
-            kind: KnobKind::Int {
-                default: 128,
-                min: 2,
-                max: 4096,
-            },
-        },
-        KnobSpec {
-            name: "table",
-            doc: "the peak table: all peaks its bins touch, or those between the middles of its bins",
-            kind: KnobKind::Choice(&["covering", "printed"]),
-        },
-        KnobSpec {
-            name: "peaks",
-            doc: "most peaks in a segment",
-            kind: KnobKind::Int {
-                default: 4,
-                min: 1,
-                max: MOST_PEAKS as i64,
-            },
-        },
-        KnobSpec {
-            name: "preintegration",
-            doc: "bins of the pre-integration table, per axis",
-            kind: KnobKind::Int {
-                default: 256,
-                min: 2,
-                max: 4096,
-            },
-        },
+        SAMPLING,
+        SK,
+        STEP,
+        PRECISION,
+        MULTIPLIER,
+        INTEGRATION,
+        SHADING,
+        ITERATIONS,
+        BINS,
+        TABLE,
+        PEAKS,
+        PREINTEGRATION,
     ],
     sweep: ("sk", &["32", "16", "8", "4", "2", "1", "0.5", "0.25"]),
 };
 
-/// Which of the two methods.
+/// `peaks/gpu`.
+#[cfg(feature = "gpu")]
+pub(crate) static GPU: MethodInfo = MethodInfo {
+    id: "peaks/gpu",
+    summary: "as printed, in f32 on the GPU: sampled rays, peaks by the rule of signs and three secant steps; comparators",
+    paper: EXACT.paper,
+    data: DataKind::GRID,
+    hits: true,
+    gpu: true,
+    work_unit: PAPER.work_unit,
+    knobs: &[
+        RECONSTRUCTION,
+        MODE,
+        MACROCELLS,
+        SAMPLING,
+        SK,
+        STEP,
+        MULTIPLIER,
+        KnobSpec {
+            kind: KnobKind::Choice(SCHEMES.split_at(3).0),
+            ..INTEGRATION
+        },
+        SHADING,
+        ITERATIONS,
+        BINS,
+        TABLE,
+        PEAKS,
+        PREINTEGRATION,
+    ],
+    sweep: PAPER.sweep,
+};
+
+/// Which method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Variant {
     Exact,
     Paper,
+    #[cfg(feature = "gpu")]
+    Gpu,
 }
 
 impl Variant {
@@ -167,6 +227,8 @@ impl Variant {
         match self {
             Self::Exact => &EXACT,
             Self::Paper => &PAPER,
+            #[cfg(feature = "gpu")]
+            Self::Gpu => &GPU,
         }
     }
 }
@@ -225,13 +287,13 @@ impl Settings {
             } else {
                 0.0
             },
-            sampled: (variant == Variant::Paper).then(|| Sampled {
+            sampled: (variant != Variant::Exact).then(|| Sampled {
                 law: Law::named(k.word("sampling")).unwrap_or(Law::Differential),
                 s_k: k.float("sk"),
                 step: k.float("step"),
-                single: k.word("precision") == "single",
+                single: variant == Variant::Paper && k.word("precision") == "single",
                 multiplier: k.word("multiplier") == "on",
-                scheme: schemes[place("integration", &["post", "engel", "lum", "analytic"])],
+                scheme: schemes[place("integration", SCHEMES)],
                 shaded: k.word("shading") == "on",
                 iterations: k.int("iterations") as u32,
                 bins: count("bins"),

@@ -2,7 +2,8 @@
 //!
 //! A. Knoll, Y. Hijazi, R. Westerteiger, M. Schott, C. Hansen, H. Hagen, *Volume ray casting with peak finding and differential sampling*, IEEE Visualization 2009. An
 //! isosurface is a transfer function with a Dirac peak: the method draws the local maxima of a transfer function's opacity, and isovalues, as surfaces inside the
-//! volume rendering integral. [`PEAKS_CPU`] finds all of their crossings exactly; [`PEAKS_CPU_PAPER`] is the algorithm as printed with its comparators.
+//! volume rendering integral. [`PEAKS_CPU`] finds all of their crossings exactly; [`PEAKS_CPU_PAPER`] is the algorithm as printed with its comparators, and `peaks/gpu`
+//! (feature `gpu`) the same on the GPU.
 //!
 //! The parts: [`sampling`], where along a ray; [`tables`], what between two samples; [`Medium`], the integrals of a transfer function; [`Filter`], the reconstructions. What
 //! of the paper is here, and what is not, is listed in the README.
@@ -32,6 +33,8 @@ mod clip;
 mod crossings;
 mod exact;
 mod filter;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod interval;
 mod knobs;
 mod macrocells;
@@ -39,6 +42,7 @@ mod medium;
 mod paper;
 mod renderer;
 pub mod sampling;
+mod scene;
 mod sink;
 mod space;
 pub mod tables;
@@ -47,5 +51,7 @@ mod tests;
 mod volume;
 
 pub use filter::{BC21, Filter};
+#[cfg(feature = "gpu")]
+pub use gpu::{PEAKS_GPU, PeaksGpu};
 pub use medium::{Medium, Sums, opacity};
 pub use renderer::{PEAKS_CPU, PEAKS_CPU_PAPER, PeaksCpu};

@@ -29,7 +29,7 @@ pub(crate) fn bit([x, y, z]: [i32; 3]) -> u32 {
 #[derive(Debug)]
 pub(crate) struct Macrocells {
     pub(crate) dims: [i32; 3],
-    nodes: [i32; 3],
+    pub(crate) nodes: [i32; 3],
     /// Per node and [`bit`]; NaN, which meets nothing, beyond the volume.
     least: Vec<[f32; 64]>,
     most: Vec<[f32; 64]>,
@@ -223,6 +223,16 @@ impl Visible {
 
     pub(crate) fn bytes(&self) -> usize {
         8 * (self.words.len() + self.masks.len())
+    }
+
+    /// Per node its visible macrocells by their [`bit`], as two halves, the lower first.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn words(&self) -> Vec<[u32; 2]> {
+        let halves = |w: &AtomicU64| {
+            let w = w.load(Ordering::Relaxed);
+            [w as u32, (w >> 32) as u32]
+        };
+        self.words.iter().map(halves).collect()
     }
 
     /// Macrocells in which something can be seen, as far as is known.

@@ -1,22 +1,17 @@
 //! `peaks/cpu` and `peaks/cpu-paper` as methods.
 
-use crate::exact::{self, Exact, MARGIN};
-use crate::interval::Intervals;
-use crate::knobs::{Sampled, Scheme, Settings, Variant};
-use crate::macrocells::{Macrocells, Visible, multipliers};
-use crate::medium::Medium;
-use crate::paper::{self, Integration, Mode, Paper};
+use crate::exact::{self, Exact};
+use crate::knobs::{Settings, Variant};
+use crate::paper::{self, Mode, Paper};
 use crate::sampling::Sampler;
+use crate::scene::{Field, Inputs, Prepared, check};
 use crate::sink::Sink;
-use crate::tables::{Bins, Lookup, PeakTable, SegmentTable};
-use crate::volume::{Form, Linear, Smooth, Volume};
+use crate::volume::{Form, Linear, Smooth};
 use isobar_core::{
-    Channels, Counters, Data, DataKind, Frame, Function, Grid, Knobs, Memory, Method, MethodInfo, RenderError, RenderTime,
-    Renderer, Request, Scene, Stage, Stop, Surface, TransferFunction, Unsupported, View,
+    Channels, Counters, Data, Frame, Function, Knobs, Memory, Method, MethodInfo, RenderError, RenderTime, Renderer, Request,
+    Scene, Stage, Stop, Surface, TransferFunction, Unsupported, View,
 };
-use isobar_cpu::scene::{Isovalues, check_open_cuts, check_request, grid};
 use isobar_cpu::{Kernel, Level, Pool, Tile, TileOut, copy_frame, render_tiles};
-use isobar_fields::GridSpline;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -44,232 +39,63 @@ impl Method for PeaksCpu {
     }
 
     fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
-        let info = self.info();
-        if DataKind::of(scene.data) != DataKind::GRID {
-            return Err(Unsupported::DataKind {
-                method: info.id,
-                can: info.data.words(),
-                given: scene.data.kind(),
-            });
-        }
-        let mut surfaces = scene.surfaces.to_vec();
-        surfaces.extend(scene.medium.iter().flat_map(|m| m.peaks()).map(|p| p.surface()));
-        Isovalues::new(info, &surfaces)?;
-        check_open_cuts(info, scene.view)?;
-        check_request(info, request)
+        check(self.info(), scene, request)
     }
 
     fn open(&self, request: &Request) -> Result<Box<dyn Renderer>, RenderError> {
-        check_request(self.info(), request)?;
         Ok(Box::new(Peaks {
-            variant: self.0,
-            settings: Settings::new(self.0, &request.knobs)?,
-            pool: Pool::new(request.threads)?,
-            level: Level::detect(),
-            request: request.clone(),
-            grid: None,
-            field: None,
-            surfaces: None,
-            transfer: None,
-            view: None,
-            scene: None,
+            inputs: Inputs::new(self.0, request)?,
             frame: None,
             work: Counters::default(),
         }))
     }
 }
 
-/// What depends on data and reconstruction.
-#[derive(Debug)]
-struct Field {
-    volume: Volume,
-    macrocells: Macrocells,
-    multipliers: Option<Vec<u8>>,
-}
-
-/// What depends on surfaces and transfer function too.
-#[derive(Debug)]
-struct Prepared {
-    values: Isovalues,
-    medium: Option<Medium>,
-    visible: Visible,
-    tables: Option<(PeakTable, Option<Integration>)>,
-}
-
 #[derive(Debug)]
 struct Peaks {
-    variant: Variant,
-    settings: Settings,
-    pool: Pool,
-    level: Level,
-    request: Request,
-    grid: Option<Grid>,
-    field: Option<Field>,
-    surfaces: Option<Vec<Surface>>,
-    transfer: Option<TransferFunction>,
-    view: Option<View>,
-    /// Made when the next image is drawn.
-    scene: Option<Prepared>,
+    inputs: Inputs,
     frame: Option<Frame>,
     work: Counters,
 }
 
-impl Peaks {
-    fn load(&mut self) -> Result<(), RenderError> {
-        (self.field, self.scene) = (None, None);
-        let Some(grid) = &self.grid else { return Ok(()) };
-        let filter = self.settings.filter;
-        self.field = Some(self.pool.install(|| {
-            let volume = Volume::new(grid, filter)?;
-            let macrocells = Macrocells::new(&volume);
-            Ok::<_, RenderError>(Field {
-                volume,
-                macrocells,
-                multipliers: None,
-            })
-        })?);
-        Ok(())
-    }
-
-    fn prepare(&mut self) -> Result<(), RenderError> {
-        let field = self.field.as_mut().ok_or(RenderError::NotReady("set_data"))?;
-        if self.surfaces.is_none() && self.transfer.is_none() {
-            return Err(RenderError::NotReady("set_surfaces"));
-        }
-        let sampled = self.settings.sampled.as_ref();
-        if sampled.is_some_and(|s| s.multiplier) && field.multipliers.is_none() {
-            field.multipliers = Some(self.pool.install(|| multipliers(&field.volume, &field.macrocells)));
-        }
-        if self.scene.is_some() {
-            return Ok(());
-        }
-        let mode = self.settings.mode;
-        let surfaces = all_surfaces(self.surfaces.as_deref(), self.transfer.as_ref(), mode);
-        let values = Isovalues::new(self.variant.info(), &surfaces)?;
-        let medium = match &self.transfer {
-            Some(tf) if mode != Mode::Peaks => Some(Medium::new(tf)),
-            _ => None,
-        };
-        let (lo, hi) = field.macrocells.range;
-        let wanted = values.values().iter().map(|&v| (v, v));
-        let wanted = wanted.chain(medium.iter().flat_map(|m| m.support().iter()));
-        let wanted = Intervals::new(wanted, MARGIN * (hi - lo));
-        let all = !self.settings.macrocells;
-        let visible = self
-            .pool
-            .install(|| Visible::new(&field.volume, &field.macrocells, &wanted, all, self.level));
-        let tables = sampled.map(|s| tables(s, values.values(), medium.as_ref(), (lo, hi)));
-        self.scene = Some(Prepared {
-            values,
-            medium,
-            visible,
-            tables,
-        });
-        Ok(())
-    }
-
-    /// The sampler of a view.
-    fn sampler(&self, s: &Sampled, field: &Field, view: &View) -> Result<Sampler, RenderError> {
-        let space = &field.volume.space;
-        let sampler = Sampler::new(s.law, s.s_k, space.extent, s.step * space.domain.voxel(), view);
-        sampler.check(view, space.domain.world_bounds())?;
-        Ok(sampler)
-    }
-}
-
-/// The surfaces given, then the peaks.
-fn all_surfaces(given: Option<&[Surface]>, transfer: Option<&TransferFunction>, mode: Mode) -> Vec<Surface> {
-    if mode == Mode::Medium {
-        return Vec::new();
-    }
-    let mut all = given.unwrap_or_default().to_vec();
-    all.extend(transfer.iter().flat_map(|t| t.peaks()).map(|p| p.surface()));
-    all
-}
-
-fn tables(s: &Sampled, values: &[f64], medium: Option<&Medium>, range: (f64, f64)) -> (PeakTable, Option<Integration>) {
-    let table = PeakTable::new(values, Bins::new(range, s.bins), s.reach, s.peaks);
-    let segments = |m: &Medium| SegmentTable::new(m, Bins::new(range, s.segments));
-    let integration = medium.map(|m| match s.scheme {
-        Scheme::Post => Integration::Post(Lookup::new(m, range)),
-        Scheme::Table => Integration::Table(segments(m)),
-        Scheme::Smooth => Integration::Smooth(segments(m)),
-        Scheme::Analytic => Integration::Analytic(m.clone()),
-    });
-    (table, integration)
-}
-
 impl Renderer for Peaks {
     fn set_data(&mut self, data: &Arc<Data>) -> Result<(), RenderError> {
-        let grid = grid(self.variant.info(), data)?;
-        if grid.dims.iter().any(|&n| n > 1 << 30) {
-            return Err(isobar_core::DataError::Dims(grid.dims).into());
-        }
-        let former = self.grid.replace(grid.clone());
-        if let Err(e) = self.load() {
-            // The former data stay.
-            self.grid = former;
-            self.load()?;
-            return Err(e);
-        }
-        Ok(())
+        self.inputs.set_data(data)
     }
 
     fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {
-        Isovalues::new(
-            self.variant.info(),
-            &all_surfaces(Some(surfaces), self.transfer.as_ref(), Mode::Both),
-        )?;
-        (self.surfaces, self.scene) = (Some(surfaces.to_vec()), None);
-        Ok(())
+        self.inputs.set_surfaces(surfaces)
     }
 
     fn set_medium(&mut self, medium: Option<&TransferFunction>) -> Result<(), RenderError> {
-        let checked = medium.map(|m| TransferFunction::new(m.points.clone(), m.unit)).transpose()?;
-        Isovalues::new(
-            self.variant.info(),
-            &all_surfaces(self.surfaces.as_deref(), checked.as_ref(), Mode::Both),
-        )?;
-        if checked != self.transfer {
-            (self.transfer, self.scene) = (checked, None);
-        }
-        Ok(())
+        self.inputs.set_medium(medium)
     }
 
     fn set_view(&mut self, view: &View) -> Result<(), RenderError> {
-        view.validate()?;
-        check_open_cuts(self.variant.info(), view)?;
-        self.view = Some(view.clone());
-        Ok(())
+        self.inputs.set_view(view)
     }
 
     fn set_knobs(&mut self, knobs: &Knobs) -> Result<(), RenderError> {
-        let settings = Settings::new(self.variant, knobs)?;
-        let former = std::mem::replace(&mut self.settings, settings);
-        if former.filter != self.settings.filter {
-            self.load()?;
-        } else if former != self.settings {
-            self.scene = None;
-        }
-        Ok(())
+        self.inputs.set_knobs(knobs)
     }
 
     fn render(&mut self, stop: &Stop) -> Result<RenderTime, RenderError> {
         let start = Instant::now();
-        self.prepare()?;
-        let field = self.field.as_ref().ok_or(RenderError::NotReady("set_data"))?;
-        let scene = self.scene.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
-        let view = self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?;
-        let sampler = match &self.settings.sampled {
-            Some(s) => Some(self.sampler(s, field, view)?),
+        self.inputs.prepare()?;
+        let inputs = &self.inputs;
+        let field = inputs.field.as_ref().ok_or(RenderError::NotReady("set_data"))?;
+        let scene = inputs.scene.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
+        let view = inputs.view.as_ref().ok_or(RenderError::NotReady("set_view"))?;
+        let sampler = match &inputs.settings.sampled {
+            Some(s) => Some(inputs.sampler(s, field, view)?),
             None => None,
         };
         let mut frame = self.frame.take().unwrap_or_default();
         let job = Job {
-            settings: &self.settings,
-            level: self.level,
-            request: &self.request,
-            pool: &self.pool,
+            settings: &inputs.settings,
+            level: inputs.level,
+            request: &inputs.request,
+            pool: &inputs.pool,
             field,
             scene,
             view,
@@ -295,46 +121,17 @@ impl Renderer for Peaks {
         Ok(())
     }
 
-    /// `None` for `bc21` too: it has no description that the oracle could use, since its weights are negative.
     fn reconstruction(&self, stage: Stage) -> Option<Arc<dyn Function>> {
-        let volume = &self.field.as_ref()?.volume;
-        if volume.filter.has_negative_lobes() {
-            return None;
-        }
-        Some(match stage {
-            Stage::Stored => Arc::new(volume.spline.clone()),
-            Stage::Ideal => Arc::new(GridSpline::new(volume.spline.grid(), volume.filter.coefficients(), stage).ok()?),
-        })
+        self.inputs.reconstruction(stage)
     }
 
     fn memory(&self) -> Memory {
-        let field = self.field.as_ref();
-        let scene = self.scene.as_ref();
-        let index = field.map_or(0, |f| f.macrocells.bytes() + f.multipliers.as_ref().map_or(0, Vec::len));
-        let tables = scene.and_then(|s| s.tables.as_ref()).map_or(0, |(t, i)| {
-            t.bytes()
-                + match i {
-                    Some(Integration::Post(l)) => l.bytes(),
-                    Some(Integration::Table(t) | Integration::Smooth(t)) => t.bytes(),
-                    Some(Integration::Analytic(_)) | None => 0,
-                }
-        });
-        Memory {
-            coefficients: field.map_or(0, |f| f.volume.spline.own_bytes()) as u64,
-            index: (index + tables + scene.map_or(0, |s| s.visible.bytes())) as u64,
-            ..Memory::default()
-        }
+        self.inputs.memory()
     }
 
     fn counters(&self) -> Counters {
         let mut out = self.work.clone();
-        if let Some(scene) = &self.scene {
-            out.0.push(("visible macrocells", scene.visible.count()));
-            if let Some((table, _)) = &scene.tables {
-                out.0.push(("peaks in one bin with the next", table.crowded() as u64));
-                out.0.push(("table entries with dropped peaks", table.dropped() as u64));
-            }
-        }
+        out.0.extend(self.inputs.counters());
         out
     }
 }

@@ -174,6 +174,18 @@ impl Steps {
         m * self.a * n + 0.5 * self.a * m * (m + 1.0) + self.b
     }
 
+    /// The samples counted from sample n: those numbers `[first, step, growth]` with which T(n + k) is `first + k (step + growth k/2)`, or for geometric steps
+    /// `first + step (exp(growth k) - 1)`.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn counted_from(&self, n: f64) -> [f64; 3] {
+        let first = self.t(n);
+        if self.growth > 0.0 {
+            [first, first + self.near, self.growth]
+        } else {
+            [first, self.b + self.a * n, self.a]
+        }
+    }
+
     /// Which law.
     #[must_use]
     pub const fn law(&self) -> Law {

@@ -82,6 +82,12 @@ impl Space {
         }
     }
 
+    /// What is added to the index of a sample.
+    #[cfg(feature = "gpu")]
+    pub(crate) const fn shift(&self) -> f64 {
+        self.shift
+    }
+
     #[inline(always)]
     pub(crate) fn index_vector(&self, v: DVec3) -> DVec3 {
         let [x, y, z] = self.to_index;

@@ -47,6 +47,12 @@ impl Bins {
         self.lo + (bin as f64 + 0.5) * self.width
     }
 
+    /// Bins per unit of the value.
+    #[cfg(feature = "gpu")]
+    pub(crate) const fn per_value(&self) -> f64 {
+        self.per_value
+    }
+
     /// Number of bins.
     #[must_use]
     pub const fn count(&self) -> usize {
@@ -88,8 +94,8 @@ impl PeakTable {
                 let first_to_last = match reach {
                     Reach::Printed => values.partition_point(|v| *v <= low)..values.partition_point(|v| *v <= high),
                     Reach::Covering => {
-                        // The outermost bins hold whatever lies beyond them; bins are rounded, so edges reach over.
-                        let slack = 1e-9 * bins.width;
+                        // The outermost bins hold whatever lies beyond them; bins are rounded, on the GPU to single precision, so edges reach over.
+                        let slack = 1e-3 * bins.width;
                         let from = if i.min(j) == 0 {
                             0
                         } else {
@@ -129,6 +135,18 @@ impl PeakTable {
     #[inline(always)]
     pub fn peaks(&self, a: f64, b: f64) -> [u8; MOST_PEAKS] {
         self.entries[self.bins.of(a) * self.bins.count() + self.bins.of(b)]
+    }
+
+    /// The bins of both axes.
+    #[cfg(feature = "gpu")]
+    pub(crate) const fn bins(&self) -> &Bins {
+        &self.bins
+    }
+
+    /// All entries, row by row of the entry's bin, the first peak in the lowest byte.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn words(&self) -> Vec<u32> {
+        self.entries.iter().map(|e| u32::from_le_bytes(*e)).collect()
     }
 
     /// Pairs of neighbouring peaks that share a bin.
@@ -248,6 +266,22 @@ impl SegmentTable {
         (extinction, front, back)
     }
 
+    /// The bins of both axes.
+    #[cfg(feature = "gpu")]
+    pub(crate) const fn bins(&self) -> &Bins {
+        &self.bins
+    }
+
+    /// All entries, row by row of the entry's bin, each as (extinction, front) and (back, 0).
+    #[cfg(feature = "gpu")]
+    pub(crate) fn rows(&self) -> Vec<[f32; 4]> {
+        let rows = self.entries.iter().flat_map(|s| {
+            let ([a, b, c], [x, y, z]) = (s.front, s.back);
+            [[s.extinction, a, b, c], [x, y, z, 0.0]]
+        });
+        rows.collect()
+    }
+
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {
@@ -294,6 +328,18 @@ impl Lookup {
         let e = mix(3);
         let k = if e > 0.0 { 1.0 / e } else { 0.0 };
         (e, [mix(0) * k, mix(1) * k, mix(2) * k])
+    }
+
+    /// Entries per unit of the value.
+    #[cfg(feature = "gpu")]
+    pub(crate) const fn per_value(&self) -> f64 {
+        self.per_value
+    }
+
+    /// All entries: extinction per world length times RGB, and alone.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn entries(&self) -> &[[f32; 4]] {
+        &self.entries
     }
 
     /// Bytes held.

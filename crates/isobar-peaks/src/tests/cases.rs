@@ -45,7 +45,7 @@ fn data(case: &Value) -> Option<Arc<Data>> {
 }
 
 /// Whether all hits are the certified roots; hits that are not proved may stand where s - c is next to nothing.
-fn right(method: &PeaksCpu, data: &Arc<Data>, recon: &str, c: f64, rays: &[Ray], slack: impl Fn(&Ray) -> f64) -> bool {
+fn right(method: &dyn Method, data: &Arc<Data>, recon: &str, c: f64, rays: &[Ray], slack: impl Fn(&Ray) -> f64) -> bool {
     const LAYERS: usize = 16;
     let surfaces = [Surface::isovalue(c, 0)];
     let view = View::rays(rays.to_vec());
@@ -74,7 +74,7 @@ fn right(method: &PeaksCpu, data: &Arc<Data>, recon: &str, c: f64, rays: &[Ray],
 }
 
 /// Names of the cases that are not right, and how many were asked.
-fn wrong(method: &PeaksCpu, cells: f64) -> (Vec<String>, usize) {
+fn wrong(method: &dyn Method, cells: f64) -> (Vec<String>, usize) {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bench-data/definitions/hard/cases");
     let (mut out, mut asked) = (Vec::new(), 0);
     for file in ["grids.toml", "surfaces.toml"] {

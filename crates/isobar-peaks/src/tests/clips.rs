@@ -67,8 +67,9 @@ fn the_medium_ends_at_the_cut() {
     let f = exact.reconstruction(Stage::Stored).unwrap();
     for (mode, which) in [("default", Reference::Peaks), ("dvr_only", Reference::Integral)] {
         let want = Colours::compute(&f, &[], Some(&tf), which, &view, &Stop::default()).unwrap();
-        let off =
-            |method: &PeaksCpu, k: &[(&str, &str)]| want.difference(&draw(method, &data, &[], Some(&tf), &view, (1, k))).unwrap();
+        let off = |method: &dyn Method, k: &[(&str, &str)]| {
+            want.difference(&draw(method, &data, &[], Some(&tf), &view, (1, k))).unwrap()
+        };
         let d = off(&PEAKS_CPU, &[("mode", mode), ("tolerance", "0.00001")]);
         assert!(d.max < 1e-3 && d.p99 < 1e-4, "{mode}: {d:?}");
         let d = off(

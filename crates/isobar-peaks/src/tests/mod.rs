@@ -2,12 +2,16 @@
 
 mod cases;
 mod clips;
+#[cfg(feature = "gpu")]
+mod gpu;
+#[cfg(feature = "gpu")]
+mod gpu_scenes;
 mod hard;
 mod input;
 mod reference;
 mod truth;
 
-use crate::{PEAKS_CPU, PeaksCpu};
+use crate::PEAKS_CPU;
 use isobar_core::{
     Channels, DVec3, Data, Frame, Grid, Knobs, Method, Ray, Renderer, Request, Samples, Stop, Surface, TransferFunction, View,
 };
@@ -40,7 +44,7 @@ fn knobs(of: &[(&str, &str)]) -> Knobs {
 }
 
 fn open(
-    method: &PeaksCpu,
+    method: &dyn Method,
     data: &Arc<Data>,
     surfaces: &[Surface],
     tf: Option<&TransferFunction>,
@@ -73,7 +77,7 @@ fn request(layers: usize, k: &[(&str, &str)]) -> Request {
 
 /// A frame with all channels.
 fn draw(
-    method: &PeaksCpu,
+    method: &dyn Method,
     data: &Arc<Data>,
     surfaces: &[Surface],
     tf: Option<&TransferFunction>,

@@ -22,7 +22,7 @@ fn reference(f: &Arc<dyn Function>, tf: &TransferFunction, which: Reference, vie
 }
 
 fn off(
-    method: &PeaksCpu,
+    method: &dyn Method,
     data: &Arc<Data>,
     tf: &TransferFunction,
     want: &Colours,

@@ -173,7 +173,7 @@ fn the_paper_loses_crossings_and_the_exact_ray_does_not() {
     let data = noise([12, 12, 12], DVec3::ONE, DMat3::IDENTITY, 3);
     let tf = peaks(&[(0.3, RED, 0.1), (0.65, BLUE, 0.1)], 1e-3);
     let view = View::fit(data.bounds(), 40.0, 48, 36);
-    let count = |method: &PeaksCpu, k: &[(&str, &str)]| {
+    let count = |method: &dyn Method, k: &[(&str, &str)]| {
         let f = draw(method, &data, &[], Some(&tf), &view, (1, k));
         f.hits.iter().map(|&h| u64::from(h)).sum::<u64>()
     };
