@@ -1,13 +1,15 @@
 //! Levels of detail of a volume by spline wavelets: Table 6.4, the numbers of Figures 4.2 to 4.6 and 6.7 to 6.9 of Steinberger 2010, and what a reconstruction
-//! costs. `cargo run --release -p isobar-octree --example wavelets -- DATA [ISOVALUE] [THREADS] [FOLDER]`; with a folder the pictures are written there as PPM.
+//! costs. `cargo run --release -p isobar-octree --example wavelets -- DATA [ISOVALUE] [THREADS] [FOLDER]`; DATA is a file or a synthetic field; with a folder the pictures
+//! are written there as PPM. Times are CPU time of the process, least of several.
 
 use isobar_core::{Camera, Data, Grid, View, to_srgb8};
+use isobar_fields::Synthetic;
 use isobar_octree::wavelet::table::{Setting, epsilon_for, level_picture};
 use isobar_octree::wavelet::{Adaptive, Bank, Extent, Pyramid, Selection};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
@@ -30,11 +32,13 @@ fn main() -> Result<()> {
     if let Some(folder) = &folder {
         fs::create_dir_all(folder)?;
     }
-    let loaded = isobar_io::load(Path::new(&file), &isobar_io::Options::default())?;
-    let Data::Grid(grid) = loaded.data else {
+    let data = match file.parse::<Synthetic>() {
+        Ok(s) => s.data()?,
+        Err(_) => isobar_io::load(Path::new(&file), &isobar_io::Options::default())?.data,
+    };
+    let Data::Grid(grid) = data else {
         return Err(format!("{file} holds no grid").into());
     };
-    banks(&grid, threads)?;
     let view = View::fit(grid.domain().world_bounds(), 40.0, 1024, 768);
     let setting = Setting {
         grid: &grid,
@@ -43,9 +47,18 @@ fn main() -> Result<()> {
         view: &view,
         method: &isobar_octree::OCTREE_CPU,
         threads,
+        clock: cpu_time,
     };
+    over_levels(&setting)?;
+    banks(&grid, threads)?;
     levels(&setting, folder.as_deref())?;
     compression(&setting, folder.as_deref())
+}
+
+/// Of all threads.
+fn cpu_time() -> Duration {
+    let t = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    Duration::new(t.tv_sec.unsigned_abs(), t.tv_nsec as u32)
 }
 
 fn ms(d: Duration) -> f64 {
@@ -54,20 +67,20 @@ fn ms(d: Duration) -> f64 {
 
 /// Every bank: error of the full reconstruction, time, throughput.
 fn banks(grid: &Grid, threads: usize) -> Result<()> {
-    println!("bank     decompose ms  reconstruct ms  Mchunk/s  MSample/s  greatest error / range");
+    println!("\nbank     decompose ms  reconstruct ms  Mchunk/s  MSample/s  greatest error / range");
     let pool = isobar_cpu::Pool::new(threads)?;
     for bank in Bank::ALL {
-        let clock = Instant::now();
+        let clock = cpu_time();
         let pyramid = Arc::new(pool.install(|| Pyramid::new(grid, bank))?);
-        let decompose = clock.elapsed();
+        let decompose = cpu_time() - clock;
         let all = Selection::whole(&pyramid, true);
         let mut adaptive = Adaptive::new(pyramid.clone());
         let mut least = Duration::MAX;
         for _ in 0..7 {
             adaptive.forget();
-            let clock = Instant::now();
+            let clock = cpu_time();
             pool.install(|| adaptive.update(&all, Extent::Whole));
-            least = least.min(clock.elapsed());
+            least = least.min(cpu_time() - clock);
         }
         let out = adaptive.grid()?;
         let worst = (0..out.samples.len()).fold(0.0f64, |m, i| m.max((out.samples.get(i) - grid.samples.get(i)).abs()));
@@ -85,6 +98,47 @@ fn banks(grid: &Grid, threads: usize) -> Result<()> {
     Ok(())
 }
 
+/// What drawing over levels gains, and at which error: thresholds by the share of all chunks that they leave, chunks without a surface collapsed.
+fn over_levels(setting: &Setting<'_>) -> Result<()> {
+    let Camera::Perspective { eye, .. } = setting.view.camera else {
+        return Err("the view is in perspective".into());
+    };
+    // From everything at the finest level to everything at the third coarser.
+    let distance = eye.distance(setting.grid.domain().world(setting.grid.domain().hi * 0.5));
+    let node = 8.0 * setting.grid.spacing.length();
+    let epsilons: Vec<f64> = [0.01, 1.0, 1.3, 1.7, 2.5, 4.0, 8.0]
+        .iter()
+        .map(|k| k * node / distance)
+        .collect();
+    println!(
+        "\nOver levels of detail, {}, chunks without a surface collapsed, {} threads; full: the volume itself at full resolution",
+        setting.bank, setting.threads
+    );
+    println!(
+        "epsilon  chunks  select ms  frame ms  full ms  full / frame  full / (select + frame)  MSE x 1e3  depth rms  one-sided  differ  MiB  finest chunks by level"
+    );
+    for (r, _) in setting.rows(eye, &epsilons, true)? {
+        let l = r.levels;
+        println!(
+            "{:7.4}  {:6}  {:9.1}  {:8.1}  {:7.1}  {:12.2}  {:23.2}  {:9.3}  {:9.4}  {:9}  {:6}  {:3}  {:?}",
+            r.epsilon,
+            r.chunks,
+            ms(l.select),
+            ms(l.render),
+            ms(l.full),
+            ms(l.full) / ms(l.render),
+            ms(l.full) / ms(l.select + l.render),
+            r.mse * 1e3,
+            r.depth,
+            r.one_sided,
+            l.differ,
+            l.bytes >> 20,
+            r.by_level
+        );
+    }
+    Ok(())
+}
+
 /// Table 6.4.
 fn levels(setting: &Setting<'_>, folder: Option<&Path>) -> Result<()> {
     let Camera::Perspective { eye, .. } = setting.view.camera else {
@@ -92,14 +146,11 @@ fn levels(setting: &Setting<'_>, folder: Option<&Path>) -> Result<()> {
     };
     let pyramid = Pyramid::new(setting.grid, setting.bank)?;
     let epsilons: Vec<f64> = PRINTED.iter().map(|p| epsilon_for(&pyramid, eye, p.1 / 100.0)).collect();
-    println!(
-        "\nTable 6.4, {}; the thesis's numbers in brackets. Rendering is at full resolution.",
-        setting.bank
-    );
+    println!("\nTable 6.4, {}; the thesis's numbers in brackets.", setting.bank);
     println!(
         "epsilon  chunks        share %       wanted  anew ms         from before     render ms      MSE x 1e3        depth rms  one-sided  parts  finest chunks by level"
     );
-    let rows = setting.rows(eye, &epsilons)?;
+    let rows = setting.rows(eye, &epsilons, false)?;
     for (i, ((r, picture), p)) in rows.iter().zip(PRINTED).enumerate() {
         println!(
             "{:7.4}  {:5} [{:4}]  {:5.1} [{:5.1}]  {:6}  {:6.2} [{:5.2}]  {:6.2} ({:5})  {:6.1} [{:5.1}]  {:7.3} [{:5.1}]  {:9.4}  {:9}  {:5}  {:?}",
@@ -113,7 +164,7 @@ fn levels(setting: &Setting<'_>, folder: Option<&Path>) -> Result<()> {
             p.2,
             ms(r.update),
             r.computed,
-            ms(r.render),
+            ms(r.levels.render),
             p.3,
             r.mse * 1e3,
             p.4,

@@ -1,4 +1,4 @@
-//! Tables 3.1 and 3.2 of Steinberger's thesis, measured again: compositions along a ray, and root finders with their budgets.
+//! Tables 3.1, 3.2 and 6.4 of Steinberger's thesis, measured again: compositions along a ray, root finders with their budgets, levels of detail.
 //!
 //! Operations are counted by running the compositions on numbers that count. Errors of f32 are against the same composition in f64 (its own error
 //! is 2^-29 of what is measured; that the forms are exact is tested on integers). Answers of root finders are judged by certified roots of the
@@ -15,11 +15,12 @@ use std::path::Path;
 use std::time::Instant;
 
 mod compositions;
+pub mod levels;
 pub mod stages;
 
 pub use compositions::{Composition, PRINTED_3_1, Printed31};
 
-/// Both tables.
+/// The tables.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Steinberger {
     /// Table 3.1, for degrees 3, 2, 1 of the cell.
@@ -30,6 +31,9 @@ pub struct Steinberger {
     pub families: Vec<String>,
     /// Cases of [`FinderRow::hard`].
     pub hard_cases: u64,
+    /// Table 6.4; none where its data are not there.
+    #[serde(default)]
+    pub levels: Vec<levels::LevelRow>,
     /// Seconds the tables took.
     pub seconds: f64,
 }
@@ -128,11 +132,20 @@ impl Random {
     }
 }
 
-/// Measures both tables; `cases` is the folder of the hard cases.
+/// Measures the tables; `cases` is the folder of the hard cases, `definitions/hard/cases`, beside which `cache` has the distance field of Table 6.4.
 ///
 /// # Errors
-/// When a case cannot be read.
+/// When a case or the field cannot be read.
 pub fn measure(cases: &Path) -> Result<Steinberger> {
+    let mut out = kernels(cases)?;
+    let start = Instant::now();
+    out.levels = levels::measure(&cases.join("../../../cache/dragon_128.nrrd"))?;
+    out.seconds += start.elapsed().as_secs_f64();
+    Ok(out)
+}
+
+/// Tables 3.1 and 3.2.
+fn kernels(cases: &Path) -> Result<Steinberger> {
     let start = Instant::now();
     let mut out = Steinberger {
         compositions: compositions::measure(),
@@ -388,7 +401,7 @@ fn times(finders: &[Finder]) -> Vec<f64> {
     least
 }
 
-/// Writes both tables as CSV into `folder`.
+/// Writes the tables as CSV into `folder`.
 ///
 /// # Errors
 /// When a file cannot be written.
@@ -451,6 +464,13 @@ pub fn write(s: &Steinberger, folder: &Path) -> Result<()> {
         }
     }
     w.flush()?;
+    if !s.levels.is_empty() {
+        let mut w = open("table-6.4.csv")?;
+        for r in &s.levels {
+            w.serialize(r)?;
+        }
+        w.flush()?;
+    }
     Ok(())
 }
 

@@ -19,6 +19,7 @@
 //! ```
 
 mod bernstein;
+mod cell;
 mod packets;
 mod power;
 mod scalar;
@@ -26,6 +27,7 @@ mod scalar;
 mod tests;
 
 pub use bernstein::sb;
+pub use cell::{powers_of_samples, scale_of_samples};
 pub use packets::{Packet, WIDTH, axis_packets, axis_segment_packets};
 pub use power::{axis, axis_segment, naive, pf, restrict, to_scaled};
 pub use scalar::{Counted, Lanes, Operations, Scalar, count};

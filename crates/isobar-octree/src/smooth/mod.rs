@@ -16,6 +16,7 @@ mod roots;
 mod tests;
 mod vector;
 
+use crate::bricks::bit;
 use crate::packet::RaySet;
 use crate::stages::Laps;
 use crate::trilinear::MARGIN;
@@ -81,6 +82,26 @@ impl Prepared {
     /// Bricks a surface may meet.
     pub(crate) fn active_bricks(&self) -> usize {
         self.active.count()
+    }
+
+    /// Takes out the bricks of 4^3 cells that `keep` does not want, by their indices: nothing is drawn in them. Gives those a surface may still meet.
+    pub(crate) fn retain(&self, keep: impl Fn([usize; 3]) -> bool) -> Vec<[usize; 3]> {
+        let [nx, ny, nz] = self.active.dims.map(|n| 4 * n);
+        let mut left = Vec::new();
+        for [z, y, x] in (0..nx * ny * nz).map(|i| [i / (nx * ny), i / nx % ny, i % nx]) {
+            let brick = [x as i32, y as i32, z as i32];
+            let word = self.active.word_of(brick.map(|b| b >> 2));
+            if self.active.word(word) >> bit(brick) & 1 == 0 {
+                continue;
+            }
+            if keep([x, y, z]) {
+                left.push([x, y, z]);
+            } else {
+                // What a ray would do that finds no active cell in it.
+                self.active.cells(word, bit(brick), || 0);
+            }
+        }
+        left
     }
 }
 

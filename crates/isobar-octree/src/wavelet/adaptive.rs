@@ -28,6 +28,73 @@ pub struct Update {
     pub reused: usize,
 }
 
+/// What an update has to compute, by level.
+pub(super) struct Plan {
+    pub(super) todo: Vec<ChunkSet>,
+    /// What is there afterwards.
+    pub(super) valid: Vec<ChunkSet>,
+    pub(super) update: Update,
+}
+
+impl Plan {
+    /// From the selection `before` to the one `now`, with the chunks that are `valid` by level.
+    ///
+    /// # Panics
+    /// When the selection was made for a pyramid of other dimensions.
+    pub(super) fn new<T: Number>(
+        pyramid: &Pyramid<T>,
+        [before, now]: [&Selection; 2],
+        valid: Vec<&ChunkSet>,
+        extent: Extent,
+    ) -> Self {
+        let levels = pyramid.levels();
+        assert!(
+            now.active.len() == levels && (0..levels).all(|l| now.active[l].chunks() == pyramid.level_chunks(l)),
+            "the selection is of this pyramid"
+        );
+        let wanted = wanted(pyramid, now, extent);
+        let mut plan = Self {
+            todo: wanted.clone(),
+            valid: wanted.clone(),
+            update: Update::default(),
+        };
+        // Chunks of the next coarser level whose values are not those of before.
+        let mut touched: Option<ChunkSet> = None;
+        for l in (0..levels).rev() {
+            let mut dirty = before.active[l].zip(&now.active[l], |a, b| a != b).dilated([1; 3]);
+            if let Some(touched) = touched {
+                dirty = dirty.zip(&fed_by(&touched, dirty.chunks()), |a, b| a || b);
+            }
+            let kept = valid[l].zip(&dirty, |valid, dirty| valid && !dirty);
+            let todo = wanted[l].zip(&kept, |wanted, kept| wanted && !kept);
+            plan.update.computed += todo.count();
+            plan.update.reused += wanted[l].count() - todo.count();
+            touched = Some(kept.zip(&kept, |a, _| !a));
+            plan.valid[l] = kept.zip(&todo, |a, b| a || b);
+            plan.todo[l] = todo;
+        }
+        plan
+    }
+}
+
+/// The chunks that must be there, by level: closed under what they are made from.
+fn wanted<T: Number>(pyramid: &Pyramid<T>, selection: &Selection, extent: Extent) -> Vec<ChunkSet> {
+    let mut wanted: Vec<ChunkSet> = Vec::with_capacity(pyramid.levels());
+    for (l, covered) in selection.covered().iter().enumerate() {
+        let chunks = pyramid.level_chunks(l);
+        let own = match extent {
+            Extent::Whole => ChunkSet::new(chunks, true),
+            Extent::Drawn => covered.dilated([1; 3]),
+        };
+        let set = match wanted.last() {
+            Some(finer) if extent == Extent::Drawn => own.zip(&feeding(finer, chunks), |a, b| a || b),
+            _ => own,
+        };
+        wanted.push(set);
+    }
+    wanted
+}
+
 /// One level's values and which chunks of them are those of the present selection.
 #[derive(Debug)]
 struct State<T> {
@@ -91,40 +158,24 @@ impl<T: Number> Adaptive<T> {
     /// # Panics
     /// When the selection was made for a pyramid of other dimensions.
     pub fn update(&mut self, selection: &Selection, extent: Extent) -> Update {
-        let levels = self.pyramid.levels();
-        assert!(
-            selection.active.len() == levels && (0..levels).all(|l| selection.active[l].chunks() == self.pyramid.level_chunks(l)),
-            "the selection is of this pyramid"
-        );
-        let wanted = self.wanted(selection, extent);
-        let mut update = Update::default();
-        // Chunks of the next coarser level whose values are not those of before.
-        let mut touched: Option<ChunkSet> = None;
-        for l in (0..levels).rev() {
-            let now = &selection.active[l];
-            let mut dirty = self.selection.active[l].zip(now, |a, b| a != b).dilated([1; 3]);
-            if let Some(touched) = touched {
-                dirty = dirty.zip(&fed_by(&touched, now.chunks()), |a, b| a || b);
-            }
-            let kept = self.states[l].valid.zip(&dirty, |valid, dirty| valid && !dirty);
-            let todo = wanted[l].zip(&kept, |wanted, kept| wanted && !kept);
-            update.computed += todo.count();
-            update.reused += wanted[l].count() - todo.count();
+        let valid = self.states.iter().map(|s| &s.valid).collect();
+        let plan = Plan::new(&self.pyramid, [&self.selection, selection], valid, extent);
+        for l in (0..self.pyramid.levels()).rev() {
             let (finer, coarser) = self.states.split_at_mut(l + 1);
             let source = Source {
                 details: &self.pyramid.levels[l].details,
-                active: now,
+                active: &selection.active[l],
                 coarse: coarser.first().map_or(&self.pyramid.coarsest, |s| &s.values),
                 taps: &self.taps,
                 mirror: self.pyramid.bank.mirror(),
             };
-            let state = &mut finer[l];
-            reconstruct(&source, &todo, &mut state.values, self.simd);
-            state.valid = kept.zip(&todo, |a, b| a || b);
-            touched = Some(kept.zip(&kept, |a, _| !a));
+            reconstruct(&source, &plan.todo[l], &mut finer[l].values, self.simd);
+        }
+        for (state, valid) in self.states.iter_mut().zip(plan.valid) {
+            state.valid = valid;
         }
         self.selection = selection.clone();
-        update
+        plan.update
     }
 
     /// Forgets what was computed, so that the next update makes all it needs.
@@ -132,25 +183,6 @@ impl<T: Number> Adaptive<T> {
         for state in &mut self.states {
             state.valid = ChunkSet::new(state.valid.chunks(), false);
         }
-    }
-
-    /// The chunks that must be there, by level: closed under what they are made from.
-    fn wanted(&self, selection: &Selection, extent: Extent) -> Vec<ChunkSet> {
-        let levels = self.pyramid.levels();
-        let mut wanted: Vec<ChunkSet> = Vec::with_capacity(levels);
-        for l in 0..levels {
-            let chunks = self.pyramid.level_chunks(l);
-            let own = match extent {
-                Extent::Whole => ChunkSet::new(chunks, true),
-                Extent::Drawn => selection.drawn(l).dilated([1; 3]),
-            };
-            let set = match wanted.last() {
-                Some(finer) if extent == Extent::Drawn => own.zip(&feeding(finer, chunks), |a, b| a || b),
-                _ => own,
-            };
-            wanted.push(set);
-        }
-        wanted
     }
 
     /// Makes the whole of the finest level, and gives its spline coefficients, x fastest. With all chunks active these are the samples but for
@@ -175,6 +207,11 @@ impl<T: Number> Adaptive<T> {
             .valid
             .contains(xyz.map(|v| v / CHUNK))
             .then(|| state.values.data[state.values.at(xyz)])
+    }
+
+    /// The values of a level, stored by chunks; level `levels()` is the coarsest. Those of chunks that were not wanted are old or zero.
+    pub(super) fn values(&self, level: usize) -> &Blocks<T> {
+        self.states.get(level).map_or(&self.pyramid.coarsest, |s| &s.values)
     }
 
     /// The level of detail for pictures: per chunk of the finest level (x fastest, beside their number per axis) the finest level whose details act in it.

@@ -4,6 +4,7 @@
 //! isovalue ([`Criteria`]), or by hand. An [`Adaptive`] reconstructs what a selection needs, chunk by chunk, and keeps it for the next one. What it
 //! describes is one spline over the finest lattice; [`Adaptive::grid`] gives its coefficients, which the casters of this crate draw and the oracle checks
 //! with the reconstruction of the bank's degree and the samples as coefficients.
+//! [`Multiresolution`] draws it with every part at its own level, and with the feature `gpu` `gpu::GpuAdaptive` reconstructs on a device.
 //!
 //! ```
 //! use isobar_core::{Grid, Samples};
@@ -32,6 +33,9 @@
 mod adaptive;
 mod banks;
 mod blocks;
+#[cfg(feature = "gpu")]
+pub mod gpu;
+mod multires;
 mod passes;
 mod pyramid;
 mod select;
@@ -43,5 +47,6 @@ mod transform;
 pub use adaptive::{Adaptive, Extent, Update};
 pub use banks::{Bank, Filter, Filters, Mirror, Number};
 pub use blocks::{CHUNK, ChunkSet};
+pub use multires::Multiresolution;
 pub use pyramid::{Node, Placement, Pyramid};
 pub use select::{Criteria, Selection};

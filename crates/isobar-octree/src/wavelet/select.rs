@@ -1,7 +1,7 @@
 //! Which chunks' details are used (S15): by view, magnitude and isovalue.
 
 use super::Number;
-use super::blocks::ChunkSet;
+use super::blocks::{CHUNK, ChunkSet};
 use super::pyramid::{Node, Pyramid};
 use glam::DVec3;
 
@@ -103,6 +103,42 @@ impl Selection {
     #[must_use]
     pub fn count(&self) -> usize {
         self.active.iter().map(ChunkSet::count).sum()
+    }
+
+    /// By level, the chunks in which the function is drawn with pieces of this level or of a finer one: [`Selection::drawn`], and what lies above such chunks
+    /// of finer levels where parents were switched off by hand.
+    #[must_use]
+    pub fn covered(&self) -> Vec<ChunkSet> {
+        let mut covered: Vec<ChunkSet> = Vec::with_capacity(self.active.len());
+        for l in 0..self.active.len() {
+            let mut set = self.drawn(l);
+            if let Some(finer) = covered.last() {
+                for chunk in finer.iter() {
+                    set.set(chunk.map(|c| c / 2), true);
+                }
+            }
+            covered.push(set);
+        }
+        covered
+    }
+
+    /// By level, the coarsest included, the bricks of 4^3 pieces that are drawn with pieces of that level: every point of the domain lies in one brick of one level. A
+    /// brick of a level is a chunk of the next finer one.
+    #[must_use]
+    pub fn bricks<T: Number>(&self, pyramid: &Pyramid<T>) -> Vec<ChunkSet> {
+        let covered = self.covered();
+        (0..=self.active.len())
+            .map(|l| {
+                let mut set = ChunkSet::new(pyramid.level_dims(l).map(|n| n.div_ceil(CHUNK / 2)), false);
+                for i in 0..set.members().len() {
+                    let brick = set.chunk(i);
+                    let here = covered.get(l).is_none_or(|c| c.contains(brick.map(|b| b / 2)));
+                    let finer = l > 0 && covered[l - 1].contains(brick);
+                    set.set(brick, here && !finer);
+                }
+                set
+            })
+            .collect()
     }
 
     /// The chunks that are drawn at a level or finer: the active ones and their neighbours, into which the active ones' wavelets reach

@@ -1,11 +1,13 @@
 //! Table 6.4 and the numbers behind Figures 4.5, 4.6 and 6.7 to 6.9: what levels of detail cost and what they leave out (S24).
 
-use super::{Adaptive, Bank, Criteria, Extent, Pyramid, Selection};
+use super::{Adaptive, Bank, Criteria, Extent, Multiresolution, Pyramid, Selection};
 use glam::DVec3;
-use isobar_core::{Channels, Data, DataError, Frame, Grid, Knobs, Method, RenderError, Request, Samples, Stop, Surface, View};
+use isobar_core::{
+    Channels, Data, DataError, Frame, Grid, Knobs, Method, RenderError, Renderer, Request, Samples, Stop, Surface, View,
+};
 use isobar_cpu::Pool;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// What is drawn.
 pub struct Setting<'a> {
@@ -17,10 +19,12 @@ pub struct Setting<'a> {
     pub isovalue: f64,
     /// The view.
     pub view: &'a View,
-    /// Draws the coefficients at full resolution; it has the knob `reconstruction` with the bank's degree.
+    /// Draws the coefficients at full resolution; it has the knobs `reconstruction`, with the bank's degree, and `claims`.
     pub method: &'a dyn Method,
     /// Threads of the reconstruction and of the renderer; 0: all.
     pub threads: usize,
+    /// The clock of all times: time since some moment, of the wall or of the process's work on all threads.
+    pub clock: fn() -> Duration,
 }
 
 impl std::fmt::Debug for Setting<'_> {
@@ -60,7 +64,9 @@ pub struct Row {
     pub computed: usize,
     /// Time to select and to compute these.
     pub update: Duration,
-    /// Time of the frame at full resolution.
+    /// The frame drawn over levels of detail.
+    pub levels: OverLevels,
+    /// Time of the frame of the row's function at full resolution.
     pub render: Duration,
     /// Mean squared difference of linear red, green and blue in [0, 1] from the full picture, over pixels hit in either.
     pub mse: f64,
@@ -76,67 +82,115 @@ pub struct Row {
     pub level_map: (Vec<u8>, [usize; 3]),
 }
 
+/// A frame drawn by [`Multiresolution`], which is that of the row's function; times are the least of several, interleaved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OverLevels {
+    /// Time of [`Multiresolution::select`], reconstruction included, and of the criteria, coming from the row before.
+    pub select: Duration,
+    /// Time of the frame.
+    pub render: Duration,
+    /// Time of the frame of the volume itself at full resolution.
+    pub full: Duration,
+    /// Pixels whose hit is farther than 1e-3 voxel from that of the row's picture, or is there in one of them only: at faces of the domain, see
+    /// [`Multiresolution`].
+    pub differ: usize,
+    /// Bytes of the levels' lattices.
+    pub bytes: usize,
+}
+
+/// Channels of the pictures.
+const CHANNELS: Channels = Channels::T
+    .union(Channels::NORMAL)
+    .union(Channels::SURFACE)
+    .union(Channels::RGBA);
+
+/// Frames of which the least time counts.
+const REPEATS: usize = 5;
+
 impl Setting<'_> {
+    /// The time `work` takes.
+    fn timed<R>(&self, work: impl FnOnce() -> R) -> (R, Duration) {
+        let start = (self.clock)();
+        let out = work();
+        (out, (self.clock)().saturating_sub(start))
+    }
+
     /// Draws coefficients.
     ///
     /// # Errors
     /// Those of the method.
     pub fn picture(&self, grid: &Grid) -> Result<Picture, RenderError> {
-        let kind = ["trilinear", "quadratic", "cubic"][self.bank.degree() - 1];
-        let request = Request {
-            channels: Channels::T | Channels::NORMAL | Channels::SURFACE | Channels::RGBA,
-            threads: self.threads,
-            knobs: Knobs::default().with("reconstruction", kind),
-            ..Request::default()
-        };
-        let mut renderer = self.method.open(&request)?;
-        renderer.set_data(&Arc::new(Data::Grid(grid.clone())))?;
-        renderer.set_surfaces(&[Surface::isovalue(self.isovalue, 0)])?;
-        renderer.set_view(self.view)?;
+        let mut renderer = self.renderer(grid)?;
         let mut render = Duration::MAX;
         for _ in 0..3 {
-            render = render.min(renderer.render(&Stop::default())?.wall);
+            let (result, time) = self.timed(|| renderer.render(&Stop::default()));
+            result?;
+            render = render.min(time);
         }
         let mut frame = Frame::default();
         renderer.read(&mut frame)?;
         Ok(Picture { frame, render })
     }
 
-    /// The rows for a list of thresholds, seen from `eye`, with their pictures; each row comes from the one before, as frames do.
+    /// The method with everything set.
+    fn renderer(&self, grid: &Grid) -> Result<Box<dyn Renderer>, RenderError> {
+        let kind = ["trilinear", "quadratic", "cubic"][self.bank.degree() - 1];
+        let request = Request {
+            channels: CHANNELS,
+            threads: self.threads,
+            knobs: Knobs::default().with("reconstruction", kind).with("claims", "off"),
+            ..Request::default()
+        };
+        let mut renderer = self.method.open(&request)?;
+        renderer.set_data(&Arc::new(Data::Grid(grid.clone())))?;
+        renderer.set_surfaces(&[Surface::isovalue(self.isovalue, 0)])?;
+        renderer.set_view(self.view)?;
+        Ok(renderer)
+    }
+
+    /// The rows for a list of thresholds, seen from `eye`, with their pictures; each row comes from the one before, as frames do. `near_surface`: chunks that
+    /// no surface can meet are collapsed too.
     ///
     /// # Errors
     /// Those of the method, of the threads, and of data that are not finite.
-    pub fn rows(&self, eye: DVec3, epsilons: &[f64]) -> Result<Vec<(Row, Picture)>, RenderError> {
+    pub fn rows(&self, eye: DVec3, epsilons: &[f64], near_surface: bool) -> Result<Vec<(Row, Picture)>, RenderError> {
         let pool = Pool::new(self.threads)?;
         let pyramid = Arc::new(pool.install(|| Pyramid::new(self.grid, self.bank))?);
         let full = self.picture(self.grid)?;
+        let mut whole = self.renderer(self.grid)?;
         let mut adaptive = Adaptive::new(pyramid.clone());
+        let mut levels = Multiresolution::new(pyramid.clone(), CHANNELS, self.threads)?;
+        levels.set_surfaces(&[Surface::isovalue(self.isovalue, 0)])?;
         // Pages are first touched outside the clock.
         pool.install(|| adaptive.update(&Selection::whole(&pyramid, true), Extent::Drawn));
+        levels.select(&Selection::whole(&pyramid, true))?;
         let mut rows = Vec::new();
         for &epsilon in epsilons {
             let criteria = Criteria {
                 view: Some((eye, epsilon)),
+                isovalues: near_surface.then(|| vec![self.isovalue]),
                 ..Criteria::default()
             };
-            let clock = Instant::now();
-            let (selection, update) = pool.install(|| {
-                let selection = Selection::new(&pyramid, &criteria);
-                let update = adaptive.update(&selection, Extent::Drawn);
-                (selection, update)
+            let select = || Selection::new(&pyramid, &criteria);
+            let ((selection, update), update_time) = self.timed(|| {
+                pool.install(|| {
+                    let selection = select();
+                    let update = adaptive.update(&selection, Extent::Drawn);
+                    (selection, update)
+                })
             });
-            let update_time = clock.elapsed();
             let mut from_nothing = Duration::MAX;
             for _ in 0..3 {
-                let clock = Instant::now();
-                pool.install(|| {
+                let work = || {
                     adaptive.forget();
-                    adaptive.update(&Selection::new(&pyramid, &criteria), Extent::Drawn)
-                });
-                from_nothing = from_nothing.min(clock.elapsed());
+                    adaptive.update(&select(), Extent::Drawn)
+                };
+                let (_, time) = self.timed(|| pool.install(work));
+                from_nothing = from_nothing.min(time);
             }
             let grid = pool.install(|| adaptive.grid())?;
             let picture = self.picture(&grid)?;
+            let over = self.over_levels(&mut levels, &select, whole.as_mut(), &picture)?;
             let difference = Difference::of(&full.frame, &picture.frame, self.grid.spacing.min_element());
             let coarsest: usize = pyramid.level_chunks(pyramid.levels()).iter().product();
             let level_map = adaptive.level_map();
@@ -148,6 +202,7 @@ impl Setting<'_> {
                 from_nothing,
                 computed: update.computed,
                 update: update_time,
+                levels: over,
                 render: picture.render,
                 mse: difference.mse,
                 depth: difference.depth,
@@ -161,6 +216,37 @@ impl Setting<'_> {
             rows.push((row, picture));
         }
         Ok(rows)
+    }
+
+    /// The same over levels of detail, beside the volume itself at full resolution.
+    fn over_levels(
+        &self,
+        levels: &mut Multiresolution,
+        select: &dyn Fn() -> Selection,
+        whole: &mut dyn Renderer,
+        picture: &Picture,
+    ) -> Result<OverLevels, RenderError> {
+        let (result, time) = self.timed(|| levels.select(&select()));
+        result?;
+        let mut out = OverLevels {
+            select: time,
+            render: Duration::MAX,
+            full: Duration::MAX,
+            differ: 0,
+            bytes: levels.bytes(),
+        };
+        for _ in 0..REPEATS {
+            let (result, time) = self.timed(|| levels.render(self.view, &Stop::default()));
+            result?;
+            out.render = out.render.min(time);
+            let (result, time) = self.timed(|| whole.render(&Stop::default()));
+            result?;
+            out.full = out.full.min(time);
+        }
+        let near = 1e-3 * self.grid.spacing.min_element();
+        let both = levels.frame().t.iter().zip(&picture.frame.t);
+        out.differ = both.filter(|&(a, b)| a != b && (a - b).abs() > near).count();
+        Ok(out)
     }
 }
 
@@ -260,17 +346,24 @@ impl Difference {
 /// Connected parts of the samples at or above a value; samples next to each other along an axis are connected.
 #[must_use]
 pub fn parts(grid: &Grid, value: f64) -> usize {
+    part_sizes(grid, |v| v >= value).len()
+}
+
+/// Samples in each connected part of those that are `inside`; samples next to each other along an axis are connected.
+#[must_use]
+pub fn part_sizes(grid: &Grid, inside: impl Fn(f64) -> bool) -> Vec<usize> {
     let [nx, ny, nz] = grid.dims;
-    let mut open: Vec<bool> = (0..grid.samples.len()).map(|i| grid.samples.get(i) >= value).collect();
-    let mut parts = 0;
+    let mut open: Vec<bool> = (0..grid.samples.len()).map(|i| inside(grid.samples.get(i))).collect();
+    let mut sizes = Vec::new();
     let mut stack = Vec::new();
     for start in 0..open.len() {
         if !std::mem::take(&mut open[start]) {
             continue;
         }
-        parts += 1;
+        let mut size = 0;
         stack.push(start);
         while let Some(i) = stack.pop() {
+            size += 1;
             let (x, y, z) = (i % nx, i / nx % ny, i / (nx * ny));
             let near = [
                 (x > 0, i.wrapping_sub(1)),
@@ -286,8 +379,9 @@ pub fn parts(grid: &Grid, value: f64) -> usize {
                 }
             }
         }
+        sizes.push(size);
     }
-    parts
+    sizes
 }
 
 /// A row of Figure 4.5: the greatest coefficients alone.

@@ -1,6 +1,7 @@
-//! Tables 3.1 and 3.2 of Steinberger's thesis beside ours.
+//! Tables 3.1, 3.2 and 6.4 of Steinberger's thesis beside ours.
 
 use super::html::{Cell, count, escape, number, table};
+use crate::steinberger::levels::{LevelRow, PRINTED_6_4};
 use crate::steinberger::{Composition, FAR, FinderRow, PRINTED_3_1, PRINTED_3_2, Steinberger};
 use std::fmt::Write;
 
@@ -25,7 +26,66 @@ pub(super) fn section(s: &Steinberger) -> String {
     out.push_str("<h3>Table 3.2: root finders, degree 9</h3>\n");
     out.push_str(&finders(s));
     out.push_str(&wrong(s));
+    out.push_str(&levels(&s.levels));
     out
+}
+
+/// Table 6.4.
+fn levels(rows: &[LevelRow]) -> String {
+    if rows.is_empty() {
+        return String::new();
+    }
+    let lines: Vec<_> = (rows.iter().zip(PRINTED_6_4))
+        .map(|(r, p)| {
+            let theirs = |x: String| Cell::with("zero", x);
+            let cells = vec![
+                Cell::text(p.figure),
+                Cell::new(number(r.epsilon)),
+                Cell::new(count(r.chunks)),
+                theirs(p.chunks.0.to_string()),
+                Cell::new(number(r.share)),
+                Cell::new(number(r.reconstruction)),
+                theirs(number(p.times[0])),
+                Cell::new(number(r.select)),
+                Cell::new(number(r.frame)),
+                theirs(number(p.times[1])),
+                Cell::new(number(r.full / r.frame)),
+                Cell::new(number(r.mse)),
+                theirs(number(p.mse)),
+                Cell::new(number(r.depth)),
+                Cell::new(count(r.one_sided)),
+                Cell::new(count(r.parts)),
+            ];
+            ("", cells)
+        })
+        .collect();
+    let head = [
+        ("text", "Fig. 6.7"),
+        ("", "ε"),
+        ("", "chunks"),
+        ("", "thesis"),
+        ("", "%"),
+        ("wrap", "reconstruction, ms"),
+        ("", "thesis"),
+        ("wrap", "select, ms"),
+        ("wrap", "frame, ms"),
+        ("", "thesis"),
+        ("wrap", "full / frame"),
+        ("wrap", "MSE × 10³"),
+        ("", "thesis"),
+        ("wrap", "depth, voxels"),
+        ("wrap", "pixels hit in one only"),
+        ("", "parts"),
+    ];
+    format!(
+        "<h3>Table 6.4: levels of detail, tri-cubic</h3>\n{}<p>Another dragon's distance field of 128³ in the default view, 1024×768, ψ4,2, CPU time of one thread; \
+         the thesis's is of a GeForce GTX 285. ε is the threshold that leaves the thesis's share of chunks. <i>Reconstruction</i>: to select chunks and compute \
+         them from the coarsest level; <i>select</i>: the same from the row before, with the lattices that are drawn; <i>frame</i>: every part with pieces of its \
+         own level; <i>full</i>: the volume at full resolution, interleaved with it. MSE is of linear colour in [0, 1] over pixels hit in either picture; the \
+         thesis does not say of which. <i>Parts</i>: connected parts of the samples above the isovalue. <a \
+         href=\"csv/imported/steinberger2010/table-6.4.csv\">table-6.4.csv</a></p>\n",
+        table(&head, &lines)
+    )
 }
 
 fn compositions(all: &[Composition]) -> String {
@@ -261,9 +321,11 @@ mod tests {
             }],
             finders: vec![row],
             families: vec!["<x>".into(); 9],
+            levels: vec![LevelRow::default(); 6],
             ..Steinberger::default()
         };
         let text = section(&s);
+        assert!(text.contains("Table 6.4") && text.contains("4681"), "{text}");
         assert!(
             text.contains("LR81, 7") && text.contains("5.00 %") && text.contains("360") && text.contains("&lt;x&gt;"),
             "{text}"

@@ -3,6 +3,7 @@
 mod banks;
 mod dyadic;
 mod exact;
+mod multires;
 mod rays;
 mod real;
 

@@ -1,6 +1,7 @@
 //! The pyramid in f32: sizes, selections, rounding, compression.
 
 use super::noise;
+use crate::wavelet::blocks::{Blocks, chunks_of};
 use crate::wavelet::table::{epsilon_for, parts};
 use crate::wavelet::{Adaptive, Bank, Criteria, Extent, Placement, Pyramid, Selection};
 use glam::DVec3;
@@ -192,6 +193,22 @@ fn aggressive_levels_change_the_topology() {
     assert_ne!(parts(&adaptive.grid().unwrap(), 0.2), 2);
     adaptive.update(&Selection::whole(&p, true), Extent::Drawn);
     assert_eq!(parts(&adaptive.grid().unwrap(), 0.2), 2);
+}
+
+/// Beyond 2^32 values, without the memory: a value's place is its chunk's and that inside.
+#[test]
+fn huge_lattices_are_addressed() {
+    let dims = [5000, 6003, 7001];
+    let blocks = Blocks::<f32> {
+        dims,
+        chunks: chunks_of(dims),
+        data: Vec::new(),
+    };
+    assert_eq!(blocks.chunks, [625, 751, 876]);
+    let at = blocks.at([4999, 6002, 7000]) as u64;
+    assert_eq!(at, ((875 * 751 + 750) * 625 + 624) * 512 + 2 * 8 + 7);
+    assert!(at > u64::from(u32::MAX));
+    assert_eq!(blocks.at([4992, 6000, 7000]) as u64, at - 23);
 }
 
 #[test]

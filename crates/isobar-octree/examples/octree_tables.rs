@@ -1,5 +1,5 @@
 //! Tables 6.1 and 6.3 of Steinberger 2010 in the thesis's form, its numbers in brackets: the stages of an algebraic surface and of a volume, one thread, 1024x768.
-//! `cargo run --release -p isobar-octree --example tables -- [REPEATS] [DATA ISOVALUE]...`. A column of Table 6.3 stands beside the thesis's data set of its place:
+//! `cargo run --release -p isobar-octree --example octree_tables -- [REPEATS] [DATA ISOVALUE]...`. A column of Table 6.3 stands beside the thesis's data set of its place:
 //! Bucky, Dragon, Foot, Vertebra; the default is Bucky's stand-in alone, a gyroid of 32^3.
 
 use isobar_core::{Channels, Data, Knobs, Method, Request, Stop, Surface as Isosurface, View};

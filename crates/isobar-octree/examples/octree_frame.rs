@@ -1,4 +1,4 @@
-//! Times `octree/cpu` on a synthetic volume at the bench view: `cargo run --release -p isobar-octree --example frame -- gyroid,n=256 [repeats]
+//! Times `octree/cpu` on a synthetic volume at the bench view: `cargo run --release -p isobar-octree --example octree_frame -- gyroid,n=256 [repeats]
 //! [threads] [reconstruction]`.
 
 use isobar_core::{Channels, Frame, Knobs, Method, Request, Stop, Surface, View};
