@@ -297,30 +297,50 @@ impl<T: Number> Tensor<T> {
         Self { counts, values }
     }
 
-    /// The product of two polynomials in Bernstein form: degrees add up.
+    /// The product of two polynomials in Bernstein form: degrees add up. In scaled coefficients (each times its binomials) it is a convolution.
     #[must_use]
     pub fn product(&self, other: &Self) -> Self {
-        let d = |t: &Self| t.counts.map(|n| n - 1);
-        let (da, db) = (d(self), d(other));
-        let counts: [usize; 3] = std::array::from_fn(|a| da[a] + db[a] + 1);
+        let (ca, cb) = (self.counts, other.counts);
+        let counts: [usize; 3] = std::array::from_fn(|a| ca[a] + cb[a] - 1);
+        let (left, right) = (self.scaled(), other.scaled());
         let mut values = vec![T::whole(0); counts.iter().product()];
-        let at = |n: usize, c: [usize; 3]| [n % c[0], n / c[0] % c[1], n / c[0] / c[1]];
-        let weight = |i: [usize; 3], d: [usize; 3]| (0..3).fold(T::whole(1), |w, a| w * T::whole(binomial(d[a], i[a])));
-        for (n, a) in self.values.iter().enumerate() {
-            let i = at(n, self.counts);
-            let a = a.clone() * weight(i, da);
-            for (m, b) in other.values.iter().enumerate() {
-                let j = at(m, other.counts);
-                let k: [usize; 3] = std::array::from_fn(|a| i[a] + j[a]);
-                let out = &mut values[(k[2] * counts[1] + k[1]) * counts[0] + k[0]];
-                *out = out.clone() + a.clone() * b.clone() * weight(j, db);
+        for (row, a) in left.chunks_exact(ca[0]).enumerate() {
+            let (j, k) = (row % ca[1], row / ca[1]);
+            for (row, b) in right.chunks_exact(cb[0]).enumerate() {
+                let at = ((k + row / cb[1]) * counts[1] + j + row % cb[1]) * counts[0];
+                for (i, a) in a.iter().enumerate() {
+                    for (out, b) in values[at + i..at + i + cb[0]].iter_mut().zip(b) {
+                        *out = out.clone() + a.clone() * b.clone();
+                    }
+                }
             }
         }
-        let degree = counts.map(|n| n - 1);
+        let weights = Self::binomials(counts);
         for (n, v) in values.iter_mut().enumerate() {
-            *v = v.clone() / weight(at(n, counts), degree);
+            *v = v.clone() / Self::weight(&weights, counts, n);
         }
         Self { counts, values }
+    }
+
+    /// Every coefficient times its binomials.
+    fn scaled(&self) -> Vec<T> {
+        let weights = Self::binomials(self.counts);
+        let each = self.values.iter().enumerate();
+        each.map(|(n, v)| v.clone() * Self::weight(&weights, self.counts, n))
+            .collect()
+    }
+
+    fn binomials(counts: [usize; 3]) -> [Vec<T>; 3] {
+        counts.map(|n| (0..n).map(|i| T::whole(binomial(n - 1, i))).collect())
+    }
+
+    fn weight(weights: &[Vec<T>; 3], c: [usize; 3], n: usize) -> T {
+        let [x, y, z] = [
+            &weights[0][n % c[0]],
+            &weights[1][n / c[0] % c[1]],
+            &weights[2][n / c[0] / c[1]],
+        ];
+        x.clone() * y.clone() * z.clone()
     }
 }
 

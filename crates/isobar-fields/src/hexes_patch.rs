@@ -5,6 +5,7 @@ use crate::{GridSpline, Kind};
 use glam::DVec3;
 use isobar_core::{Algebraic, DataError, Function, Grid, HexElement, HexPatches, Stage, Structure};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// More elements than this are refused.
 const MAX_HEXES: usize = 1 << 22;
@@ -230,26 +231,45 @@ pub fn algebraic_to_hexes(p: &Algebraic) -> Result<HexPatches, DataError> {
 }
 
 /// A tensor-product spline reconstruction of a grid as Bezier elements with trilinear geometry, one per cell of the lattice inside the domain, x fastest:
-/// the very function of `reconstruction=kind`, but for rounding.
+/// the very function of `reconstruction=kind` at a stage, but for rounding.
 ///
 /// # Errors
 /// As [`GridSpline::new`]; [`DataError::Dims`] where there would be more than 2^22 elements or 2^29 coefficients.
-pub fn spline_to_hexes(grid: &Grid, kind: Kind) -> Result<HexPatches, DataError> {
-    let spline = GridSpline::new(grid, kind, Stage::Ideal)?;
+pub fn spline_to_hexes(grid: &Grid, kind: Kind, stage: Stage) -> Result<HexPatches, DataError> {
+    spline_to_hexes_where(grid, kind, stage, |_| true)
+}
+
+/// As [`spline_to_hexes`], of the cells whose Bernstein coefficients `keep` accepts only: those that may reach an isovalue, say.
+///
+/// # Errors
+/// As [`spline_to_hexes`], the number being that of the cells kept; [`DataError::Elements`] where none are.
+pub fn spline_to_hexes_where(
+    grid: &Grid,
+    kind: Kind,
+    stage: Stage,
+    keep: impl Fn(&[f64]) -> bool + Sync,
+) -> Result<HexPatches, DataError> {
+    let spline = GridSpline::new(grid, kind, stage)?;
     let Structure::Lattice(lattice) = spline.structure() else {
         return Err(DataError::Unknown(format!("{kind} is no spline on a lattice")));
     };
     let (basis, cells) = (lattice.basis(), lattice.cells());
     let (d, n) = (basis.degree, basis.degree + 1);
-    let count = cells.iter().try_fold(1usize, |n, &c| n.checked_mul(c));
-    let Some(count) = count.filter(|&c| c <= MAX_HEXES && c.saturating_mul(n * n * n) <= MAX_COEFFICIENTS) else {
-        return Err(DataError::Dims(grid.dims));
-    };
+    let count = cells
+        .iter()
+        .try_fold(1usize, |n, &c| n.checked_mul(c))
+        .ok_or(DataError::Dims(grid.dims))?;
+    let most = MAX_HEXES.min(MAX_COEFFICIENTS / (n * n * n));
+    let kept = AtomicUsize::new(0);
     let domain = grid.domain();
     let top = grid.dims.map(|n| (n - 1) as f64);
     let elements: Vec<HexElement> = (0..count)
         .into_par_iter()
-        .map(|e| {
+        .filter_map(|e| {
+            // More than there may be: the rest is not made.
+            if kept.load(Ordering::Relaxed) > most {
+                return None;
+            }
             let cell = [e % cells[0], e / cells[0] % cells[1], e / cells[0] / cells[1]];
             let mut stencil = [0.0; 64];
             lattice.stencil(cell, &mut stencil);
@@ -267,19 +287,26 @@ pub fn spline_to_hexes(grid: &Grid, kind: Kind) -> Result<HexPatches, DataError>
                 },
                 |t, a| t.along(a, |c| bernstein(basis, d, c, lo[a], hi[a])),
             );
+            if !keep(&t.values) {
+                return None;
+            }
+            kept.fetch_add(1, Ordering::Relaxed);
             let corner = |n: usize| {
                 let at = |a: usize| start[a] + if n >> a & 1 == 0 { lo[a] } else { hi[a] };
                 domain.world(DVec3::new(at(0), at(1), at(2)))
             };
-            HexElement {
+            Some(HexElement {
                 degree: [1; 3],
                 points: (0..8).map(corner).map(|x| [x.x, x.y, x.z, 1.0]).collect(),
                 value_degree: [d as u8; 3],
                 values: t.values.into(),
                 rational_value: false,
-            }
+            })
         })
         .collect();
+    if elements.len() > most {
+        return Err(DataError::Dims(grid.dims));
+    }
     HexPatches::new(elements)
 }
 
@@ -395,7 +422,7 @@ mod tests {
         }
         for kind in [Kind::Trilinear, Kind::Quadratic, Kind::CubicInterpolating] {
             let f = GridSpline::new(&grid, kind, Stage::Ideal).unwrap();
-            let h = HexField::new(&spline_to_hexes(&grid, kind).unwrap()).unwrap();
+            let h = HexField::new(&spline_to_hexes(&grid, kind, Stage::Ideal).unwrap()).unwrap();
             for i in 0..40 {
                 let x = DVec3::new((i % 5) as f64, (i / 5 % 5) as f64, (i % 7) as f64) * DVec3::new(1.2, 0.97, 0.8) + 0.04;
                 assert!(

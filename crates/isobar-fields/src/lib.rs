@@ -48,7 +48,7 @@ pub use algebraic::AlgebraicFunction;
 pub use convert::{grid_to_hexes, grid_to_tets};
 pub use hexes::HexField;
 pub use hexes_eval::{HexPoint, evaluate_hex};
-pub use hexes_patch::{NurbsPatch, algebraic_to_hexes, refine_hexes, spline_to_hexes};
+pub use hexes_patch::{NurbsPatch, algebraic_to_hexes, refine_hexes, spline_to_hexes, spline_to_hexes_where};
 pub use kind::{Border, Kind};
 pub use reconstruction::Reconstruction;
 pub use spline::{Coefficients, GridSpline};

@@ -188,7 +188,7 @@ fn other_type(n: usize, kind: u8) -> Cause {
     Cause::Unsupported {
         format: "mesh",
         what: format!("cell {n} of type {kind}{name}"),
-        remedy: "write tetrahedra (10), hexahedra (12), wedges (13) or pyramids (14) only",
+        remedy: "write tetrahedra (10), hexahedra (12), wedges (13) or pyramids (14) only; as=hexes takes voxels",
     }
 }
 

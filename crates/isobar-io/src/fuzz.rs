@@ -12,8 +12,10 @@ fn fields(bytes: &[u8], read: impl Fn(&dyn Input, &Options) -> Result<Loaded, Ca
                 field: first.fields.last().cloned(),
                 nan: Some(0.0),
                 cell_to_point: true,
+                as_hexes: false,
             };
             let _ = read(&input, &o);
+            let _ = read(&input, &Options { as_hexes: true, ..o });
         }
         Err(e) => assert!(!e.to_string().contains('\n'), "an error of more than one line: {e}"),
     }

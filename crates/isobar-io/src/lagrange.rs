@@ -1,4 +1,4 @@
-//! VTK's Lagrange hexahedra (type 72) to Bezier elements: the polynomial through the nodes, in Bernstein form.
+//! VTK's Lagrange hexahedra (type 72) to Bezier elements: the polynomial through the nodes, in Bernstein form; linear ones (types 11 and 12) too, where elements are asked for.
 //!
 //! **Nodes**: corners, edges, faces, interior, as VTK numbers them; the order follows from their count. VTK 9 exchanged the nodes of the edges (1, 1, w) and
 //! (0, 1, w): files from before (legacy below 5.1, XML with a minor version below 2) have the old numbering. **Conversion** up to order 6 by whole numbers
@@ -12,6 +12,9 @@ use isobar_fields::hexes_bezier::{Tensor, equidistant, interpolation};
 
 /// VTK's number of the cell.
 pub(crate) const TYPE: u8 = 72;
+/// VTK's linear hexahedron, and its voxel: the same with its corners in another order.
+const LINEAR: u8 = 12;
+const VOXEL: u8 = 11;
 /// VTK's own limit of the order.
 const MOST_ORDER: usize = 10;
 
@@ -99,8 +102,8 @@ impl Cells {
             start = end;
             let order = (1..=MOST_ORDER).find(|n| (n + 1).pow(3) == nodes.len());
             let order = match (kind, order) {
-                (TYPE, Some(n)) | (12, Some(n @ 1)) => n,
-                (TYPE | 12, _) => {
+                (TYPE, Some(n)) | (LINEAR | VOXEL, Some(n @ 1)) => n,
+                (TYPE | LINEAR | VOXEL, _) => {
                     return Err(Cause::malformed(
                         "mesh",
                         format!(
@@ -113,8 +116,8 @@ impl Cells {
                 _ => {
                     return Err(Cause::Unsupported {
                         format: "mesh",
-                        what: format!("Lagrange hexahedra and a cell {cell} of type {kind}"),
-                        remedy: "write hexahedra (72, 12) only",
+                        what: format!("hexahedra and a cell {cell} of type {kind}"),
+                        remedy: "write hexahedra (72, 12, 11) only, or leave as=hexes out where there are none of type 72",
                     });
                 }
             };
@@ -124,7 +127,7 @@ impl Cells {
             let Some(convert) = &conversions[order] else {
                 return Err(Cause::malformed("mesh", format!("order {order} cannot be converted")));
             };
-            elements.push(self.element(cell, nodes, order, convert));
+            elements.push(self.element(cell, nodes, order, convert, kind == VOXEL));
         }
         if self.on_cells {
             notes.push("values of cells are constant on each element".into());
@@ -137,9 +140,13 @@ impl Cells {
         })
     }
 
-    fn element(&self, cell: usize, nodes: &[u32], order: usize, convert: &Conversion) -> HexElement {
+    /// `plain`: nodes stand in the order of their indices, x fastest, as those of voxels.
+    fn element(&self, cell: usize, nodes: &[u32], order: usize, convert: &Conversion, plain: bool) -> HexElement {
         let n = order + 1;
-        let node = |at: usize| nodes[number([at % n, at / n % n, at / n / n], order, self.new_numbering)] as usize;
+        let node = |at: usize| {
+            let numbered = number([at % n, at / n % n, at / n / n], order, self.new_numbering);
+            nodes[if plain { at } else { numbered }] as usize
+        };
         let channel = |f: &dyn Fn(usize) -> f64| convert.of(n, (0..n * n * n).map(|at| f(node(at))).collect());
         let [x, y, z] = [0, 1, 2].map(|c| channel(&|i| self.points[i][c]));
         let degree = [order as u8; 3];

@@ -55,6 +55,9 @@ pub struct Options {
     pub nan: Option<f64>,
     /// Whether fields of the cells of a mesh are averaged to its points; without it they are refused.
     pub cell_to_point: bool,
+    /// Whether hexahedra (VTK types 11, 12 and 72, PLOT3D) and the cells of a grid become Bezier elements; without it those of types 12 and of PLOT3D become tetrahedra (11 is
+    /// refused) and grids stay grids. Values of cells are then constant on each element.
+    pub as_hexes: bool,
 }
 
 /// A volume read from a file.
@@ -77,6 +80,7 @@ pub struct Loaded {
 pub fn load(path: &Path, o: &Options) -> Result<Loaded, IoError> {
     FileInput::new(path)
         .and_then(|input| sniff::read(&input, o))
+        .and_then(|l| in_form(l, o))
         .map_err(|cause| IoError::new(path, cause))
 }
 
@@ -87,7 +91,26 @@ pub fn load(path: &Path, o: &Options) -> Result<Loaded, IoError> {
 pub fn load_bytes(name: &str, bytes: &[u8], o: &Options) -> Result<Loaded, IoError> {
     BytesInput::new(name, bytes)
         .and_then(|input| sniff::read(&input, o))
+        .and_then(|l| in_form(l, o))
         .map_err(|cause| IoError::new(Path::new(name), cause))
+}
+
+/// Grids as trilinear elements where these are asked for; meshes are by now.
+fn in_form(mut l: Loaded, o: &Options) -> Result<Loaded, Cause> {
+    if o.as_hexes {
+        match &l.data {
+            Data::Grid(g) => l.data = Data::Hexes(isobar_fields::grid_to_hexes(g)?),
+            Data::Hexes(_) => {}
+            other => {
+                return Err(Cause::Unsupported {
+                    format: "as=hexes",
+                    what: other.kind().to_owned(),
+                    remedy: "leave it out, or give a file of hexahedra or a grid",
+                });
+            }
+        }
+    }
+    Ok(l)
 }
 
 /// Reads a triangle mesh from a file.

@@ -1,4 +1,4 @@
-//! PLOT3D: a curvilinear grid and its solution, each in its own file, to five tetrahedra per cell.
+//! PLOT3D: a curvilinear grid and its solution, each in its own file, to five tetrahedra per cell, or one trilinear element where elements are asked for.
 //!
 //! One grid, big-endian, no record marks. Grid: three counts (int32), all x, all y, all z (float32, i fastest), perhaps a blanking flag per point (int32;
 //! cells with a point of flag 0 are left out). Solution: the same counts, Mach number, angle of attack, Reynolds number, time, then density, the three momenta and the
@@ -10,8 +10,10 @@ use crate::cells::{finish, points};
 use crate::error::Cause;
 use crate::field::{Named, choices, choose};
 use crate::input::{Input, fill};
+use crate::lagrange::replace;
 use crate::sample::{Layout, Pick, Scalar, numbers_binary};
 use crate::{Loaded, Options};
+use isobar_core::{DVec3, Data, HexElement, HexPatches};
 
 const FORMAT: &str = "PLOT3D file";
 
@@ -126,7 +128,7 @@ pub(crate) fn read_both(grid: &dyn Input, solution: &dyn Input, o: &Options) -> 
     let all = choices(&named);
     let choice = choose(&all, &named, o.field.as_deref())?.clone();
     let part = |i: u64| numbers(solution, COUNTS + CONDITIONS + 4 * n * i, Scalar::F32, n);
-    let values: Vec<f32> = match (choice.array, choice.pick) {
+    let values: Vec<f64> = match (choice.array, choice.pick) {
         (0, _) => part(0)?,
         (1, Pick::Component(c)) => part(1 + c as u64)?,
         (1, Pick::Magnitude) => {
@@ -136,10 +138,7 @@ pub(crate) fn read_both(grid: &dyn Input, solution: &dyn Input, o: &Options) -> 
                 .collect()
         }
         _ => part(4)?,
-    }
-    .into_iter()
-    .map(|v| v as f32)
-    .collect();
+    };
     let planes = numbers(grid, COUNTS, Scalar::F32, 3 * n)?;
     let count = planes.len() / 3;
     let interleaved: Vec<f64> = (0..3 * count).map(|i| planes[i % 3 * count + i / 3]).collect();
@@ -151,9 +150,18 @@ pub(crate) fn read_both(grid: &dyn Input, solution: &dyn Input, o: &Options) -> 
         None
     };
     let [ni, nj, nk] = dims.map(|d| d as usize);
-    let mut tets = Vec::new();
-    tets.try_reserve_exact(5 * (ni - 1) * (nj - 1) * (nk - 1))
-        .map_err(|_| Cause::Memory(80 * n))?;
+    let cells = (ni - 1) * (nj - 1) * (nk - 1);
+    let (mut tets, mut elements) = (Vec::new(), Vec::new());
+    if o.as_hexes {
+        elements.try_reserve_exact(cells).map_err(|_| Cause::Memory(512 * n))?;
+    } else {
+        tets.try_reserve_exact(5 * cells).map_err(|_| Cause::Memory(80 * n))?;
+    }
+    let mut values = values;
+    let mut notes = Vec::new();
+    if o.as_hexes {
+        replace(&mut values, &mut notes, o)?;
+    }
     let mut hidden = 0usize;
     for k in 0..nk - 1 {
         for j in 0..nj - 1 {
@@ -166,17 +174,44 @@ pub(crate) fn read_both(grid: &dyn Input, solution: &dyn Input, o: &Options) -> 
                     hidden += 1;
                     continue;
                 }
+                if o.as_hexes {
+                    elements.push(linear(std::array::from_fn(|c| at(c as u8)), &points, &values));
+                    continue;
+                }
                 let pattern = if (i + j + k) % 2 == 0 { EVEN } else { ODD };
                 tets.extend(pattern.map(|t| t.map(|c| at(c) as u32)));
             }
         }
     }
-    let mut notes = Vec::new();
     if hidden > 0 {
         notes.push(format!("{hidden} cells with a blanked point were left out"));
     }
     let fields = all.into_iter().map(|c| c.name).collect();
+    if o.as_hexes {
+        return Ok(Loaded {
+            data: Data::Hexes(HexPatches::new(elements)?),
+            field: choice.name,
+            fields,
+            notes,
+        });
+    }
+    let values = values.into_iter().map(|v| v as f32).collect();
     finish(points, tets, values, choice.name, fields, notes, o)
+}
+
+/// The trilinear element of eight points, x fastest.
+fn linear(corners: [usize; 8], points: &[DVec3], values: &[f64]) -> HexElement {
+    let place = |i: usize| {
+        let p = points[i];
+        [p.x, p.y, p.z, 1.0]
+    };
+    HexElement {
+        degree: [1; 3],
+        points: corners.iter().map(|&i| place(i)).collect(),
+        value_degree: [1; 3],
+        values: corners.iter().map(|&i| values[i]).collect(),
+        rational_value: false,
+    }
 }
 
 #[cfg(test)]

@@ -64,7 +64,7 @@ pub(crate) fn read(scan: &Scan<'_>, o: &Options) -> Result<Loaded, Cause> {
     }
     let layout = layout(array, array.named.components, choice.pick)?;
     let mut notes = Vec::new();
-    if types.contains(&f64::from(lagrange::TYPE)) {
+    if o.as_hexes || types.contains(&f64::from(lagrange::TYPE)) {
         let all = numbers(scan, array, array.named.components)?;
         let cells = lagrange::Cells {
             points,

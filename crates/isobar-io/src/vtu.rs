@@ -46,7 +46,7 @@ pub(crate) fn read(input: &dyn Input, image: &Image, o: &Options) -> Result<Load
     let on_cells = array.named.on_cells;
     let layout = layout(image, array, if on_cells { n_cells } else { n_points }, choice.pick)?;
     let mut notes = Vec::new();
-    if types.contains(&f64::from(lagrange::TYPE)) {
+    if o.as_hexes || types.contains(&f64::from(lagrange::TYPE)) {
         let all = vti_data::numbers(input, &image.storage, &array.place, &layout)?;
         let cells = lagrange::Cells {
             points,

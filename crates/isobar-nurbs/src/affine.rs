@@ -446,6 +446,7 @@ impl Solver {
             pixel: pixel as u16,
             surface: field.surface,
             certain: inside && r.kind == RootKind::Crossing,
+            face: !inside && r.kind == RootKind::Crossing,
             t,
             error: (t - time(r.lo)).max(time(r.hi) - t) + 8.0 * EPS * s.t1,
             normal: field.place.gradient([gu, gv, gw]).normalize_or(DVec3::ZERO),

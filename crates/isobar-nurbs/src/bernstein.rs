@@ -104,6 +104,24 @@ pub(crate) fn halve<T: Lanes>(d: [usize; 3], axis: usize, c: &mut [T], lower: &m
     }
 }
 
+/// As [`halve`], at `t`: three roundings where that has one.
+#[inline(always)]
+pub(crate) fn cut<T: Lanes>(d: [usize; 3], axis: usize, t: f64, c: &mut [T], lower: &mut [T]) {
+    let n = d[axis];
+    let (stride, outer) = strides(d, axis);
+    let block = stride * (n + 1);
+    for o in 0..outer {
+        let c = &mut c[o * block..(o + 1) * block];
+        let lower = &mut lower[o * block..(o + 1) * block];
+        for level in 0..=n {
+            lower[level * stride..(level + 1) * stride].copy_from_slice(&c[..stride]);
+            for i in 0..(n - level) * stride {
+                c[i] = c[i].plus(t, c[i + stride].minus(c[i]));
+            }
+        }
+    }
+}
+
 /// Least and greatest coefficient.
 #[inline(always)]
 pub(crate) fn range<T: Lanes>(c: &[T]) -> (T, T) {

@@ -59,7 +59,7 @@ impl Candidates {
         }
         let boxes: Vec<_> = tasks.iter().map(|t| bounds(&patches.elements[t.element as usize])).collect();
         Self {
-            tree: Tree::new(&boxes),
+            tree: Tree::new(boxes, 0.0),
             tasks,
         }
     }

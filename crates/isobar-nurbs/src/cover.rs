@@ -6,7 +6,7 @@
 //! sign; the pixel is **covered** where all four forms are positive on a piece and gamma has both signs at its corners, for then the surface passes through
 //! the piece by continuity; else the piece is halved. Pieces of the smallest size decide nothing: COVERED is claimed only where it is proved.
 
-use crate::bernstein::{count, range};
+use crate::bernstein::{count, cut, range};
 use crate::frustum::{EPS, Frustum, PixelBox};
 use crate::solve::{Constants, Piece, Solver, Task, project};
 use isobar_core::HexElement;
@@ -15,20 +15,28 @@ use isobar_core::HexElement;
 const DEEPEST: u8 = 14;
 /// Pieces of one surface of one element in one tile, at most.
 const MOST_PIECES: u32 = 1 << 14;
+/// Where an axis is cut first: no simple fraction.
+const OFF_CENTRE: f64 = 0.473_125_7;
 
 impl Solver {
     /// Marks in `covered` the pixels, of those still false in `settled`, that the surface of a task certainly passes through. `wide` is the frustum with its columns and rows
-    /// widened by half a pixel ([`Frustum::widened`]).
+    /// widened by half a pixel ([`Frustum::widened`]). `errors`: of the element's points and values, where these are themselves rounded.
     #[inline(always)]
     pub(crate) fn cover(
         &mut self,
         wide: &Frustum,
         element: &HexElement,
         task: &Task,
+        errors: [f64; 2],
         settled: &mut [bool],
         covered: &mut [bool],
     ) {
         let Some(k) = self.load(wide, element, task) else { return };
+        if let Some(whole) = self.stack.last_mut() {
+            let roundings = |error: f64, size: f64| error / (EPS * size.max(f64::MIN_POSITIVE));
+            whole.geometry += roundings(errors[0], k.scale);
+            whole.attribute += roundings(errors[1], k.gamma);
+        }
         let mut budget = MOST_PIECES;
         while let Some(piece) = self.stack.pop() {
             if budget == 0 {
@@ -37,11 +45,33 @@ impl Solver {
             }
             budget -= 1;
             if let Some((piece, axis)) = self.cover_step(wide, &k, piece, settled, covered) {
-                self.split(&k, piece, axis);
+                if piece.depth[axis] == 0 {
+                    self.cut_off_centre(&k, piece, axis);
+                } else {
+                    self.split(&k, piece, axis);
+                }
             } else {
                 self.drop_piece(&k);
             }
         }
+    }
+
+    /// The first cut along an axis: surfaces at simple fractions of the parameters would else lie on the faces of pieces for ever, where gamma has no sign on either side.
+    #[inline(always)]
+    fn cut_off_centre(&mut self, k: &Constants, mut piece: Piece, axis: usize) {
+        self.work.halvings += 1;
+        let (n, m) = (count(k.g), count(k.h));
+        let (at, av) = (self.points.len(), self.values.len());
+        self.points.resize(at + n, [0.0; 4]);
+        self.values.resize(av + m, 0.0);
+        let (upper, lower) = self.points[at - n..].split_at_mut(n);
+        cut(k.g, axis, OFF_CENTRE, upper, lower);
+        let (upper, lower) = self.values[av - m..].split_at_mut(m);
+        cut(k.h, axis, OFF_CENTRE, upper, lower);
+        piece.geometry += 3.0 * k.g[axis] as f64;
+        piece.attribute += 3.0 * k.h[axis] as f64;
+        piece.depth[axis] += 1;
+        self.stack.extend([piece; 2]);
     }
 
     /// Decides a piece, or says how to halve it.

@@ -2,8 +2,12 @@
 
 use crate::candidates::Candidates;
 use crate::grid::{Bricks, Cells};
-use crate::paper::{self, Bounds};
+use crate::paper::{self, Kept, Manner};
 use crate::paper_cpu::{DrawPaper, epsilon};
+use crate::paper_forms::{MOST_PRODUCTS, is_feasible};
+use crate::paper_parts::Cutting;
+use crate::paper_silhouette::Region;
+use crate::paper_volume::Bounds;
 use crate::solve::{Solver, Work};
 use crate::tile::{DrawTile, Index};
 use isobar_core::{
@@ -11,7 +15,7 @@ use isobar_core::{
     RenderTime, Renderer, Request, ResolvedKnobs, Sampling, Scene, Stage, Stop, Surface, SurfaceKind, TransferFunction,
     Unsupported, View,
 };
-use isobar_cpu::scene::{check_medium, check_open_cuts, check_request};
+use isobar_cpu::scene::{check_medium, check_open_cuts};
 use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
 use isobar_fields::{GridSpline, HexField, Kind, algebraic_to_hexes, spline_to_hexes};
 use std::str::FromStr;
@@ -56,6 +60,16 @@ static PAPER_INFO: MethodInfo = MethodInfo {
             doc: "bounding volume: box along the Jacobian, axis-aligned box, box along the principal axes of the coefficients",
             kind: KnobKind::Choice(&["obb", "aabb", "pca"]),
         },
+        KnobSpec {
+            name: "subdivision",
+            doc: "how parts are cut: de Casteljau at the middle, or the middle as one more knot",
+            kind: KnobKind::Choice(&["bezier", "knots"]),
+        },
+        KnobSpec {
+            name: "silhouettes",
+            doc: "where frusta seek a silhouette the ray misses: the pixel's square as printed, or the disc about it with the curve's tangent",
+            kind: KnobKind::Choice(&["square", "disc"]),
+        },
     ],
     ..INFO_BASE
 };
@@ -89,7 +103,8 @@ pub struct NurbsCpu {
 pub static NURBS_CPU: NurbsCpu = NurbsCpu { paper: false };
 
 /// The method `nurbs/cpu-paper`: the algorithm as printed, of isosurfaces only; see `paper.rs` for what is printed and what is not. No guarantee: hits are within about
-/// a quarter pixel of a root, and roots may be lost or found twice.
+/// a quarter pixel of a root, and roots may be lost or found twice. With `Sampling::PixelFrustum` a pixel whose ray misses the surface has a hit at the point of a silhouette inside its
+/// square (type 3), drawn like any other; COVERED, which is a claim, is not given.
 pub static NURBS_CPU_PAPER: NurbsCpu = NurbsCpu { paper: true };
 
 impl NurbsCpu {
@@ -103,19 +118,18 @@ impl Method for NurbsCpu {
         self.own()
     }
 
-    fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
+    fn supports(&self, scene: &Scene<'_>, _: &Request) -> Result<(), Unsupported> {
         let info = self.own();
         check_kind(info, scene.data)?;
         check_cells(info, scene.data, scene.surfaces)?;
         check_surfaces(info, scene.surfaces)?;
         check_medium(info, scene.medium)?;
         check_open_cuts(info, scene.view)?;
-        check_sampling(info, request)
+        check_degrees(info, scene.data)
     }
 
     fn open(&self, request: &Request) -> Result<Box<dyn Renderer>, RenderError> {
         let info = self.own();
-        check_sampling(info, request)?;
         let settings = Settings::new(info, &request.knobs)?;
         Ok(Box::new(Nurbs {
             info,
@@ -137,12 +151,14 @@ impl Method for NurbsCpu {
     }
 }
 
-/// Pixel frusta are searched by the corrected form only.
-fn check_sampling(info: &MethodInfo, request: &Request) -> Result<(), Unsupported> {
-    if info.id == INFO.id {
-        Ok(())
-    } else {
-        check_request(info, request)
+/// The products of the paper's form have degrees four and five times those of the elements.
+fn check_degrees(info: &MethodInfo, data: &Data) -> Result<(), Unsupported> {
+    match data {
+        Data::Hexes(h) if info.id == PAPER_INFO.id && !h.elements.iter().all(is_feasible) => Err(feature(
+            info,
+            format!("elements whose silhouette products have more than {MOST_PRODUCTS} coefficients; nurbs/cpu does"),
+        )),
+        _ => Ok(()),
     }
 }
 
@@ -221,17 +237,35 @@ pub(crate) fn check_surfaces(info: &MethodInfo, surfaces: &[Surface]) -> Result<
 struct Settings {
     kind: Kind,
     claims: bool,
-    /// The bounding volume of the paper's form; `None` for the other.
-    paper: Option<Bounds>,
+    /// Of the paper's form; `None` for the other.
+    paper: Option<Literal>,
+}
+
+/// The paper's choices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Literal {
+    bounds: Bounds,
+    cutting: Cutting,
+    region: Region,
 }
 
 impl Settings {
     fn new(info: &'static MethodInfo, knobs: &Knobs) -> Result<Self, RenderError> {
         let k = ResolvedKnobs::new(info.knobs, knobs)?;
-        let paper = (info.id == PAPER_INFO.id).then(|| match k.word("bounds") {
-            "aabb" => Bounds::Aabb,
-            "pca" => Bounds::Pca,
-            _ => Bounds::Obb,
+        let paper = (info.id == PAPER_INFO.id).then(|| Literal {
+            bounds: match k.word("bounds") {
+                "aabb" => Bounds::Aabb,
+                "pca" => Bounds::Pca,
+                _ => Bounds::Obb,
+            },
+            cutting: match k.word("subdivision") {
+                "knots" => Cutting::Knots,
+                _ => Cutting::Bezier,
+            },
+            region: match k.word("silhouettes") {
+                "disc" => Region::Disc,
+                _ => Region::Square,
+            },
         });
         Ok(Self {
             kind: Kind::from_str(k.word("reconstruction"))?,
@@ -246,7 +280,7 @@ pub(crate) fn elements(info: &'static MethodInfo, data: &Data, kind: Kind) -> Re
     check_kind(info, data)?;
     Ok(match data {
         Data::Hexes(h) => HexPatches::new(h.elements.clone())?,
-        Data::Grid(g) => spline_to_hexes(g, kind)?,
+        Data::Grid(g) => spline_to_hexes(g, kind, Stage::Stored)?,
         Data::Algebraic(a) => algebraic_to_hexes(a)?,
         other => {
             return Err(Unsupported::DataKind {
@@ -301,13 +335,14 @@ impl Nurbs {
             self.bricks = None;
             if self.patches.is_none() {
                 check_cells(self.info, &data, self.surfaces.as_deref().unwrap_or_default())?;
+                check_degrees(self.info, &data)?;
                 self.patches = Some(self.pool.install(|| elements(self.info, &data, kind))?);
             }
         }
         let Some(surfaces) = &self.surfaces else { return Ok(()) };
         self.index = match (&self.bricks, &self.patches) {
             (Some(b), _) => Some(Index::Cells(Box::new(self.pool.install(|| Cells::new(b, surfaces))))),
-            (None, Some(p)) => Some(Index::Elements(p.clone(), Candidates::new(p, surfaces))),
+            (None, Some(p)) => Some(Index::Elements(p.clone(), Box::new(Candidates::new(p, surfaces)))),
             (None, None) => None,
         };
         Ok(())
@@ -373,22 +408,28 @@ impl Renderer for Nurbs {
         let start = Instant::now();
         let total = SharedWork::default();
         let paper_total = Mutex::new(paper::Work::default());
-        let epsilon = epsilon(view);
+        let frusta = self.request.sampling == Sampling::PixelFrustum;
+        let manner = self.settings.paper.map(|p| Manner {
+            bounds: p.bounds,
+            cutting: p.cutting,
+            region: frusta.then_some(p.region),
+            epsilon: epsilon(view),
+        });
+        let kept = Kept::default();
         let frame = self.frame.get_or_insert_with(Frame::default);
         let solvers = &self.solvers;
         let take = || solvers.lock().map_or_else(|_| None, |mut s| s.pop());
         let result = render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
-            if let (Some(bounds), Index::Elements(patches, candidates)) = (self.settings.paper, index) {
-                let work = self.level.run(DrawPaper {
+            if let (Some(manner), Index::Elements(patches, candidates)) = (manner, index) {
+                let draw = DrawPaper {
                     patches,
                     candidates,
                     view,
                     surfaces,
-                    bounds,
-                    epsilon,
-                    tile,
-                    out,
-                });
+                    manner,
+                    kept: &kept,
+                };
+                let work = draw.tile(tile, out);
                 if let Ok(mut w) = paper_total.lock() {
                     w.add(work);
                 }
@@ -401,7 +442,7 @@ impl Renderer for Nurbs {
                 view,
                 surfaces,
                 claims: self.settings.claims,
-                frusta: self.request.sampling == Sampling::PixelFrustum,
+                frusta,
                 tile,
                 out,
                 solver: &mut solver,
@@ -419,6 +460,7 @@ impl Renderer for Nurbs {
         }
         self.work = total.get();
         self.paper_work = paper_total.into_inner().unwrap_or_default();
+        self.paper_work.forms = kept.bytes() as u64;
         Ok(RenderTime {
             wall: start.elapsed(),
             device: None,
@@ -474,6 +516,12 @@ impl Renderer for Nurbs {
                 ("lists", w.lists),
                 ("list entries", w.sizes),
                 ("squares of list sizes", w.squares),
+                ("longest list", w.longest),
+                ("silhouette subdivisions", w.silhouettes.subdivisions),
+                ("silhouette points", w.silhouettes.points),
+                ("silhouettes given up", w.silhouettes.limits),
+                ("bytes of octants", w.octants),
+                ("bytes of products", w.forms),
             ]);
         }
         let w = self.work;

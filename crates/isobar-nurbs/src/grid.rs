@@ -8,7 +8,7 @@
 //! domain cuts the outer ones in half.
 
 use crate::affine::{Field, LocalRay, Place, rectangle};
-use crate::bernstein::{count, range};
+use crate::bernstein::{count, halve, range};
 use crate::frustum::{EPS, Frustum, PixelBox};
 use crate::solve::{Solver, Target, Task};
 use crate::tree::Tree;
@@ -208,7 +208,7 @@ impl Cells {
         Self {
             bricks: bricks.clone(),
             marked,
-            tree: Tree::new(&boxes),
+            tree: Tree::new(boxes, 16.0 * EPS * reach(domain)),
         }
     }
 
@@ -265,9 +265,11 @@ impl Cells {
         solver.rays = rays;
     }
 
-    /// Every marked cell that the frustum may meet, as an element of its own.
-    pub(crate) fn elements(&self, f: &Frustum, stack: &mut Vec<u32>, mut take: impl FnMut(&HexElement, &Task)) {
+    /// The part inside the domain of every marked cell that the frustum may meet, as an element of its own, with bounds of the errors of its points and values.
+    pub(crate) fn elements(&self, f: &Frustum, stack: &mut Vec<u32>, mut take: impl FnMut(&HexElement, &Task, [f64; 2])) {
         let (bricks, domain) = (&self.bricks, self.bricks.spline.domain());
+        // A corner: three products and their sum with the origin, in each of three coordinates.
+        let placed = 16.0 * EPS * reach(domain);
         let camera = Seen::new(bricks, f);
         let mut bernstein = [0.0; 64];
         self.tree.visit(f, stack, |i| {
@@ -275,13 +277,24 @@ impl Cells {
             brick.visit(|at| {
                 let cell: [usize; 3] = std::array::from_fn(|a| brick.first[a] as usize + at[a]);
                 let start = bricks.start(cell);
-                // Halves of cells have coefficients of their own, which this does not make: their element is the whole cell, wherever the domain ends.
-                if camera.cell(f, start, f.all()).is_none() || bricks.part(cell) != ([0.0; 3], [1.0; 3]) {
+                if camera.cell(f, start, f.all()).is_none() {
                     return;
                 }
                 let n = bricks.coefficients(cell, &mut bernstein);
+                let (lo, hi) = bricks.part(cell);
+                let degree = [bricks.degree(); 3];
+                for a in 0..3 {
+                    // Halved where the domain cuts the cell; `other` is what lies outside.
+                    let mut other = [0.0; 64];
+                    if lo[a] > 0.0 {
+                        halve(degree, a, &mut bernstein[..n], &mut other[..n]);
+                    } else if hi[a] < 1.0 {
+                        halve(degree, a, &mut bernstein[..n], &mut other[..n]);
+                        bernstein = other;
+                    }
+                }
                 let corner = |n: usize| {
-                    let u = [0, 1, 2].map(|a| start[a] + if n >> a & 1 == 0 { 0.0 } else { 1.0 });
+                    let u = [0, 1, 2].map(|a| start[a] + if n >> a & 1 == 0 { lo[a] } else { hi[a] });
                     let x = domain.world(DVec3::from_array(u));
                     [x.x, x.y, x.z, 1.0]
                 };
@@ -298,7 +311,9 @@ impl Cells {
                     target: Target::Isovalue(brick.isovalue),
                     boxed: false,
                 };
-                take(&element, &task);
+                // As in `roundings`: 12 for the conversion, the degree for each of three halvings, all taken twice.
+                let size = bricks.greatest(cell) + brick.isovalue.abs();
+                take(&element, &task, [placed, EPS * (24 + 6 * bricks.degree()) as f64 * size]);
             });
         });
     }
@@ -344,6 +359,12 @@ fn mark(bricks: &Bricks, b: usize, surface: u8, c: f64) -> Option<Marked> {
     })
 }
 
+/// At least the sum of the magnitudes that a world position of the domain is made of.
+fn reach(d: &isobar_core::Domain) -> f64 {
+    let steps = (0..3).map(|a| (d.hi[a] + 2.0) * d.axes.col(a).abs().element_sum());
+    d.origin.abs().element_sum() + steps.sum::<f64>()
+}
+
 /// Index space in the camera frame of a frustum.
 struct Seen {
     origin: [f64; 3],
@@ -359,11 +380,7 @@ impl Seen {
         let d = bricks.spline.domain();
         let axes = [f.right, f.up, f.forward];
         let steps = axes.map(|a| [a.dot(d.axes.x_axis), a.dot(d.axes.y_axis), a.dot(d.axes.z_axis)]);
-        let reach = d.origin.abs().element_sum()
-            + f.eye.abs().element_sum()
-            + (0..3)
-                .map(|a| (d.hi[a] + 2.0) * d.axes.col(a).abs().element_sum())
-                .sum::<f64>();
+        let reach = reach(d) + f.eye.abs().element_sum();
         Self {
             origin: axes.map(|a| a.dot(d.origin - f.eye)),
             steps,

@@ -16,8 +16,15 @@ mod matrix;
 mod model;
 mod paper;
 mod paper_cpu;
+mod paper_forms;
+mod paper_parts;
+mod paper_silhouette;
+#[cfg(test)]
+mod paper_silhouette_tests;
 #[cfg(test)]
 mod paper_tests;
+pub mod paper_trace;
+mod paper_volume;
 #[cfg(test)]
 mod proofs;
 mod solve;

@@ -1,45 +1,53 @@
 //! `nurbs/cpu-paper`: the algorithm of section 4 as printed, pixel by pixel.
 //!
 //! Per pixel and candidate element the tuple (P, delta) is subdivided into octants at the middle; parts whose bounding volume holds the origin stay in the list L
-//! (section 4.1.1). The volume is an axis-aligned box, the box along the Jacobian's directions, or the box along the principal axes of the coefficients. A part whose delta
-//! (equation 17 as corrected in maths, section C: the attribute's derivative along the ray, times a positive polynomial) has no change of sign goes to Newton's
-//! method from the node of the coefficient nearest to the origin; where that fails it is subdivided. Roots are filtered by the alternation of the signs of f'(t)
+//! (section 4.1.1). The volume is an axis-aligned box, the box along the Jacobian's directions, or the box along the principal axes of the coefficients (`paper_volume.rs`). A part whose delta
+//! (equation 17 as corrected in maths, section C: the attribute's derivative along the ray, times a positive polynomial; `paper_forms.rs`) has no change of sign goes to Newton's
+//! method from the node of the coefficient nearest to the origin; where that fails it is subdivided. A part that is dropped, with changes of sign of gamma and delta and inside the pixel's square, is searched for a
+//! silhouette (section 4.1.2, `paper_silhouette.rs`) where pixels are frusta and the ray hits nothing. Roots are filtered by the alternation of the signs of f'(t)
 //! (section 4.2, equation 26 with the inverse transposed), and many roots in a short stretch become its two ends.
 //!
 //! What is taken from the corrections instead of the print, because nothing would be drawn otherwise: pixel centres (12), the weight in gamma (13, 15), signs in the projection
-//! (9). **As printed stays**: Newton stops at epsilon = 1/(2h), a quarter pixel, for alpha and beta and for the attribute alike (14), so hits are only
-//! that near, and a ray that passes the edge of the surface within a quarter pixel gets a hit where there is none (9, 20 and 12 of 1,600 pixels with oriented, axis-aligned and principal
-//! boxes in `paper_tests.rs`; with a tolerance of 1e-8 the same scene has no such pixel, and none is lost in either case); alternation of signs drops true roots where the surface leaves the domain between two of them; roots that Newton's method misses in a part without a change of
+//! (9), eta relative to the pixel's centre (18), (20) as convergence of Newton's method (epsilon has no meaning for delta and eta). **As printed stays**: Newton stops at epsilon = 1/(2h), a quarter pixel, for alpha and beta and for the attribute alike (14), so hits are only
+//! that near, and a ray that passes the edge of the surface within a quarter pixel gets a hit where there is none (counted in `paper_tests.rs`; with a tolerance of 1e-8 the same scene has no such pixel, and none is lost in either case); alternation of signs drops true roots where the surface leaves the domain between two of them; roots that Newton's method misses in a part without a change of
 //! sign of delta are found after further subdivision or, at the last level, lost. Nothing is claimed.
 
-use crate::bernstein::{Lanes, Point, bases, halve, jet, range};
+use crate::bernstein::{Point, bases, jet};
 use crate::candidates::Candidates;
-use crate::frustum::Frustum;
+use crate::frustum::{Frustum, PixelBox};
 use crate::matrix::{inverse, product};
+use crate::paper_forms::{Forms, evaluate};
+use crate::paper_parts::{Cutting, Part, Parts, bezier};
+use crate::paper_silhouette::{self as silhouette, Region, Square, silhouettes};
+use crate::paper_volume::{Bounds, holds_origin};
 use crate::solve::{Found, Target, Task};
 use glam::DVec3;
 use isobar_core::HexElement;
-use isobar_fields::hexes_bezier::{Tensor, derivative, elevate};
 use std::collections::HashMap;
+use std::sync::{Arc, Mutex};
 
 /// Subdivision levels, at most.
-const DEEPEST: usize = 20;
+const DEEPEST: u8 = 20;
 /// Parts in the list, at most; more end the search of the pixel.
 const MOST_PARTS: usize = 4096;
 /// Newton steps from one start.
 const STEPS: usize = 8;
 /// More roots than this within an epsilon of t are taken for a stretch of the ray on the surface.
 const CROWD: usize = 4;
+/// Bytes of octants kept for the pixels of a tile; more are made again for the next pixel.
+const MOST_BYTES: usize = 1 << 26;
+/// Forms of so many tasks are kept for the whole frame; of more for a tile only.
+const KEPT: usize = 4096;
 
-/// The bounding volume of a part.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Bounds {
-    /// Along alpha, beta, gamma.
-    Aabb,
-    /// Along the two longest columns of the Jacobian at the middle.
-    Obb,
-    /// Along the principal axes of the coefficients.
-    Pca,
+/// How the paper's form works.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Manner {
+    pub(crate) bounds: Bounds,
+    pub(crate) cutting: Cutting,
+    /// Where silhouettes are sought; `None` where pixels are centres.
+    pub(crate) region: Option<Region>,
+    /// The paper's epsilon, as a slope or offset for alpha and beta, and as it is for the attribute.
+    pub(crate) epsilon: [f64; 2],
 }
 
 /// Counts of work.
@@ -49,11 +57,18 @@ pub(crate) struct Work {
     pub(crate) subdivisions: u64,
     pub(crate) newton: u64,
     pub(crate) hits: u64,
-    /// Lists looked at (one per level), their sizes and the squares of these.
+    /// Lists looked at (one per level), their sizes and the squares of these, the longest.
     pub(crate) lists: u64,
     pub(crate) sizes: u64,
     pub(crate) squares: u64,
+    pub(crate) longest: u64,
     pub(crate) limits: u64,
+    /// Of the silhouette system.
+    pub(crate) silhouettes: silhouette::Work,
+    /// Bytes of the octants of one element in one tile, at most.
+    pub(crate) octants: u64,
+    /// Bytes of the products kept for the frame.
+    pub(crate) forms: u64,
 }
 
 impl Work {
@@ -65,240 +80,244 @@ impl Work {
         self.sizes += o.sizes;
         self.squares += o.squares;
         self.limits += o.limits;
+        self.silhouettes.subdivisions += o.silhouettes.subdivisions;
+        self.silhouettes.points += o.silhouettes.points;
+        self.silhouettes.limits += o.silhouettes.limits;
+        self.longest = self.longest.max(o.longest);
+        self.octants = self.octants.max(o.octants);
+        self.forms = self.forms.max(o.forms);
     }
 }
 
-/// An element in the frame of a tile: all channels in one degree, delta in its own.
-struct Prepared {
-    d: [usize; 3],
-    /// x, y, D, gamma.
-    lanes: Vec<Point>,
-    /// w beside z, for t.
-    depth: Vec<[f64; 2]>,
-    e: [usize; 3],
-    delta: Vec<f64>,
-}
+/// Element and isovalue.
+type Key = (u32, u64);
 
-/// One part: its coefficients and its box of parameters.
-#[derive(Clone)]
-struct Part {
-    /// alpha, beta, gamma, D.
-    p: Vec<Point>,
-    delta: Vec<f64>,
-    lo: [f64; 3],
-}
+/// The forms of a frame, made when first needed: all tiles of a camera have one frame.
+#[derive(Debug, Default)]
+pub(crate) struct Kept(Mutex<HashMap<Key, Arc<Forms>>>);
 
-/// A tensor in a degree at least its own.
-fn raised(mut t: Tensor<f64>, d: [usize; 3]) -> Tensor<f64> {
-    for (axis, &d) in d.iter().enumerate() {
-        while t.counts[axis] <= d {
-            t = t.along(axis, elevate);
+impl Kept {
+    fn get(&self, keep: bool, key: Key, make: impl FnOnce() -> Forms) -> Arc<Forms> {
+        let known = || self.0.lock().ok().and_then(|m| m.get(&key).cloned());
+        if !keep {
+            return Arc::new(make());
         }
+        known().unwrap_or_else(|| {
+            let made = Arc::new(make());
+            if let Ok(mut m) = self.0.lock() {
+                m.insert(key, Arc::clone(&made));
+            }
+            made
+        })
     }
-    t
-}
 
-/// `det (grad a, grad b, grad c)` in Bernstein form.
-fn determinant(a: &[Tensor<f64>; 3], b: &[Tensor<f64>; 3], c: &[Tensor<f64>; 3]) -> Tensor<f64> {
-    let mut out: Option<Tensor<f64>> = None;
-    for (i, j, k, sign) in [
-        (0, 1, 2, 1.0),
-        (1, 2, 0, 1.0),
-        (2, 0, 1, 1.0),
-        (0, 2, 1, -1.0),
-        (2, 1, 0, -1.0),
-        (1, 0, 2, -1.0),
-    ] {
-        let term = a[i].product(&b[j]).product(&c[k]);
-        match &mut out {
-            None => out = Some(term),
-            Some(o) => o.values.iter_mut().zip(&term.values).for_each(|(o, t)| *o += sign * t),
-        }
+    /// Bytes of all forms.
+    pub(crate) fn bytes(&self) -> usize {
+        self.0.lock().map_or(0, |m| m.values().map(|f| f.bytes()).sum())
     }
-    out.unwrap_or(Tensor {
-        counts: [1; 3],
-        values: vec![0.0],
-    })
 }
 
-fn gradient(t: &Tensor<f64>) -> [Tensor<f64>; 3] {
-    [0, 1, 2].map(|axis| t.along(axis, derivative))
+/// What one part is to a pixel.
+pub(crate) struct Seen {
+    /// alpha, beta, gamma, W of every coefficient.
+    pub(crate) p: Vec<Point>,
+    /// Partial derivatives of (alpha, beta, gamma) at the middle.
+    pub(crate) jacobian: [DVec3; 3],
 }
 
-impl Prepared {
-    fn new(f: &Frustum, e: &HexElement, c: f64) -> Self {
-        let g = e.degree.map(usize::from);
-        let h = if e.rational_value {
-            g
-        } else {
-            e.value_degree.map(usize::from)
+impl Seen {
+    /// A part seen along the ray with this slope.
+    pub(crate) fn new(part: &Part, [s, r]: [f64; 2]) -> Self {
+        let turned = |l: &Point| [l[0] - s * l[2], l[1] - r * l[2], l[3], l[2]];
+        let column = |l: &Point| {
+            let l = turned(l);
+            DVec3::new(l[0], l[1], l[2])
         };
-        let d: [usize; 3] = std::array::from_fn(|a| g[a].max(h[a]));
-        let place = |n: DVec3| {
-            let values = e
-                .points
-                .iter()
-                .map(|p| p[3] * n.dot(DVec3::new(p[0], p[1], p[2]) - f.eye))
-                .collect();
-            raised(
-                Tensor {
-                    counts: g.map(|d| d + 1),
-                    values,
-                },
-                d,
-            )
-        };
-        let (x, y, z) = (place(f.right), place(f.up), place(f.forward));
-        let w = raised(
-            Tensor {
-                counts: g.map(|d| d + 1),
-                values: e.points.iter().map(|p| p[3]).collect(),
-            },
-            d,
-        );
-        let weight = |i: usize| if e.rational_value { e.points[i][3] } else { 1.0 };
-        let gamma = raised(
-            Tensor {
-                counts: h.map(|d| d + 1),
-                values: e.values.iter().enumerate().map(|(i, a)| weight(i) * (a - c)).collect(),
-            },
-            d,
-        );
-        let depth = if f.parallel { &w } else { &z };
-        // D = grad gamma . (W grad x cross grad y + x grad y cross grad W + y grad W cross grad x), W the depth.
-        let [gx, gy, gw, gg] = [&x, &y, depth, &gamma].map(gradient);
-        let mut delta = determinant(&gg, &gx, &gy).product(depth);
-        for (a, b, by) in [(&gy, &gw, &x), (&gw, &gx, &y)] {
-            let more = determinant(&gg, a, b).product(by);
-            delta.values.iter_mut().zip(&more.values).for_each(|(o, t)| *o += t);
-        }
-        let n = x.values.len();
         Self {
-            d,
-            lanes: (0..n)
-                .map(|i| [x.values[i], y.values[i], depth.values[i], gamma.values[i]])
-                .collect(),
-            depth: (0..n).map(|i| [z.values[i], w.values[i]]).collect(),
-            e: delta.counts.map(|c| c - 1),
-            delta: delta.values,
+            p: part.p.c.iter().map(turned).collect(),
+            jacobian: [1, 2, 3].map(|i| column(&part.middle[i])),
         }
     }
 }
 
-/// Scratch memory and results of a tile.
+/// Results of a tile.
 #[derive(Default)]
 pub(crate) struct Paper {
-    prepared: HashMap<(u32, u64), Prepared>,
     pub(crate) found: Vec<Found>,
+    /// Points of silhouettes, one for a pixel and part.
+    pub(crate) beside: Vec<Found>,
     pub(crate) undecided: Vec<bool>,
     pub(crate) seen: Vec<u32>,
     pub(crate) work: Work,
 }
 
 impl Paper {
-    /// All pixels of a frustum. `epsilon` is the paper's, as a slope or offset for alpha and beta, and as it is for the attribute.
+    /// All pixels of a frustum.
     pub(crate) fn draw(
         &mut self,
         f: &Frustum,
+        wide: &Frustum,
         candidates: &Candidates,
         elements: &[HexElement],
-        bounds: Bounds,
-        epsilon: [f64; 2],
+        manner: &Manner,
+        kept: &Kept,
     ) {
         self.found.clear();
-        self.prepared.clear();
+        self.beside.clear();
         (self.undecided, self.seen) = (vec![false; f.rays.len()], vec![0; f.rays.len()]);
         let mut tasks: Vec<Task> = Vec::new();
-        candidates.visit(f, &mut Vec::new(), |t| tasks.push(*t));
+        candidates.visit(wide, &mut Vec::new(), |t| tasks.push(*t));
+        let keep = f.half > 0.0 && candidates.tasks.len() <= KEPT;
         for task in &tasks {
             let Target::Isovalue(c) = task.target else { continue };
             let element = &elements[task.element as usize];
-            let key = (task.element, c.to_bits());
-            let p = self.prepared.remove(&key).unwrap_or_else(|| Prepared::new(f, element, c));
-            for pixel in 0..f.rays.len() {
-                self.pixel(f, task, &p, pixel, bounds, epsilon);
+            let Some(pixels) = rectangle(wide, element) else { continue };
+            let forms = kept.get(keep, (task.element, c.to_bits()), || {
+                Forms::new(f, element, c, manner.region.is_some())
+            });
+            let mut parts = Parts::new(&forms, manner.cutting);
+            for y in usize::from(pixels.y0)..=usize::from(pixels.y1) {
+                for x in usize::from(pixels.x0)..=usize::from(pixels.x1) {
+                    self.pixel(f, task, &mut parts, y * f.width + x, manner);
+                    self.work.octants = self.work.octants.max(parts.bytes() as u64);
+                    if parts.bytes() > MOST_BYTES {
+                        parts.clear();
+                    }
+                }
             }
-            self.prepared.insert(key, p);
         }
     }
 
-    /// All roots of one element on one ray, with duplicates.
-    fn pixel(&mut self, f: &Frustum, task: &Task, k: &Prepared, pixel: usize, bounds: Bounds, epsilon: [f64; 2]) {
-        let [s, r] = f.rays[pixel].slope;
-        let whole = Part {
-            p: k.lanes
-                .iter()
-                .map(|l| [l[0] - s * l[2], l[1] - r * l[2], l[3], l[2]])
-                .collect(),
-            delta: k.delta.clone(),
-            lo: [0.0; 3],
+    /// All roots of one element on one ray, with duplicates; where there are none, points of the silhouette in the pixel.
+    fn pixel(&mut self, f: &Frustum, task: &Task, parts: &mut Parts<'_>, pixel: usize, manner: &Manner) {
+        let square = manner.region.map(|region| Square {
+            slope: f.rays[pixel].slope,
+            half: f.half,
+            region,
+        });
+        let (before, known) = (self.work.subdivisions, self.found.len());
+        let mut dropped = Vec::new();
+        // Case 2: dropped parts that a silhouette may pass through.
+        let mut beside = |parts: &mut Parts<'_>, i: usize| {
+            if let Some(square) = &square
+                && parts.get(i).gamma
+                && square.meets(&parts.get(i).p.c)
+                && parts.turns(i)
+            {
+                dropped.push(i);
+            }
         };
-        if !holds_origin(k.d, &whole.p, Bounds::Aabb) {
-            return;
+        let whole = Seen::new(parts.get(0), f.rays[pixel].slope);
+        if !holds_origin(Bounds::Aabb, &whole.p, whole.jacobian) {
+            beside(parts, 0);
+        } else {
+            self.subdivide(f, task, parts, pixel, manner, &mut beside);
         }
-        let before = self.work.subdivisions;
-        let mut list = vec![whole];
+        self.seen[pixel] += (self.work.subdivisions - before) as u32;
+        if let Some(square) = &square
+            && self.found.len() == known
+        {
+            for i in dropped {
+                self.silhouettes(f, task, parts, i, pixel, square);
+            }
+        }
+    }
+
+    /// The list L of section 4.1.1, level by level; what is dropped goes to `beside`.
+    fn subdivide(
+        &mut self,
+        f: &Frustum,
+        task: &Task,
+        parts: &mut Parts<'_>,
+        pixel: usize,
+        manner: &Manner,
+        beside: &mut impl FnMut(&mut Parts<'_>, usize),
+    ) {
+        let slope = f.rays[pixel].slope;
+        let mut list = vec![0];
         for level in 0..=DEEPEST {
             let n = list.len() as u64;
             self.work.lists += 1;
             (self.work.sizes, self.work.squares) = (self.work.sizes + n, self.work.squares + n * n);
-            let size = 0.5f64.powi(level as i32);
+            self.work.longest = self.work.longest.max(n);
             let mut next = Vec::new();
-            for part in list {
-                let (lo, hi) = range(&part.delta);
-                let one_sign = lo > 0.0 || hi < 0.0;
-                if one_sign && let Some(u) = self.newton(k, &part, epsilon) {
-                    let u = [0, 1, 2].map(|a| part.lo[a] + size * u[a]);
-                    self.found.push(hit(f, task, k, pixel, u));
+            for i in list {
+                if !parts.turns(i)
+                    && let Some(u) = self.newton(parts, i, slope, manner.epsilon)
+                {
+                    self.found.push(hit(f, task, parts.forms, pixel, u));
                     continue;
                 }
                 if level == DEEPEST {
                     continue;
                 }
                 self.work.subdivisions += 1;
-                octants(k, part, size, |o| {
-                    if holds_origin(k.d, &o.p, bounds) {
-                        next.push(o);
+                let first = parts.octants(i);
+                for octant in first..first + 8 {
+                    let seen = Seen::new(parts.get(octant), slope);
+                    if holds_origin(manner.bounds, &seen.p, seen.jacobian) {
+                        next.push(octant);
+                    } else {
+                        beside(parts, octant);
                     }
-                });
+                }
             }
             list = next;
             if list.is_empty() {
-                break;
+                return;
             }
             if list.len() > MOST_PARTS {
                 self.undecided[pixel] = true;
                 self.work.limits += 1;
-                break;
+                return;
             }
         }
-        self.seen[pixel] += (self.work.subdivisions - before) as u32;
     }
 
     /// A root of P in a part, to epsilon, from the node nearest to the origin.
-    fn newton(&mut self, k: &Prepared, part: &Part, epsilon: [f64; 2]) -> Option<[f64; 3]> {
-        let far = |p: &Point| p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
-        let nearest = (0..part.p.len()).min_by(|&a, &b| far(&part.p[a]).total_cmp(&far(&part.p[b])))?;
-        let c = k.d.map(|d| d + 1);
-        let at = [nearest % c[0], nearest / c[0] % c[1], nearest / c[0] / c[1]];
-        let mut u = [0, 1, 2].map(|a| if k.d[a] == 0 { 0.5 } else { at[a] as f64 / k.d[a] as f64 });
+    fn newton(&mut self, parts: &Parts<'_>, i: usize, [s, r]: [f64; 2], epsilon: [f64; 2]) -> Option<[f64; 3]> {
+        let (k, part) = (parts.forms, parts.get(i));
+        let turned = |l: &Point| [l[0] - s * l[2], l[1] - r * l[2], l[3], l[2]];
+        let far = |l: &Point| {
+            let p = turned(l);
+            p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
+        };
+        let c = &part.p.c;
+        let nearest = (0..c.len()).min_by(|&a, &b| far(&c[a]).total_cmp(&far(&c[b])))?;
+        let (lo, size) = (part.lo, part.size());
+        // Nodes of inserted knots may lie beyond the part.
+        let node = part.p.node(nearest, lo, size);
+        let mut u = [0, 1, 2].map(|a| node[a].clamp(lo[a], lo[a] + size));
         for _ in 0..STEPS {
             self.work.newton += 1;
-            let [p, pu, pv, pw] = jet(k.d, &part.p, &bases(k.d, u));
+            let [p, pu, pv, pw] = jet(k.d, &k.lanes, &bases(k.d, u)).map(|l| turned(&l));
             let limit = epsilon[0] * p[3].abs();
             if p[0].abs() < limit && p[1].abs() < limit && p[2].abs() < epsilon[1] {
-                return u.iter().all(|&x| (0.0..=1.0).contains(&x)).then_some(u);
+                return (0..3).all(|a| (lo[a]..=lo[a] + size).contains(&u[a])).then_some(u);
             }
             let j = [0, 1, 2].map(|n| [pu[n], pv[n], pw[n]]);
             let step = product(&inverse(&j)?, [p[0], p[1], p[2]]);
-            for a in 0..3 {
-                u[a] -= step[a];
-            }
-            if u.iter().any(|x| !(-1.0..=2.0).contains(x)) {
+            (0..3).for_each(|a| u[a] -= step[a]);
+            if (0..3).any(|a| !(lo[a] - size..=lo[a] + 2.0 * size).contains(&u[a])) {
                 return None;
             }
         }
         None
+    }
+
+    /// The silhouette system on a dropped part.
+    fn silhouettes(&mut self, f: &Frustum, task: &Task, parts: &mut Parts<'_>, i: usize, pixel: usize, square: &Square) {
+        let k = parts.forms;
+        let place = (parts.get(i).lo, parts.get(i).level);
+        let (p, delta, eta) = if parts.cutting == Cutting::Bezier {
+            (parts.get(i).p.c.clone(), parts.delta(i).c.clone(), parts.eta(i).c.clone())
+        } else {
+            let at = |d, c: &[Point]| bezier(d, c, place.0, place.1);
+            (at(k.d, &k.lanes), bezier(k.e, &k.delta, place.0, place.1), at(k.q, &k.eta))
+        };
+        for u in silhouettes(k, square, place, p, delta, &eta, &mut self.work.silhouettes) {
+            self.beside.push(hit(f, task, k, pixel, u));
+        }
     }
 
     /// Section 4.2: of one pixel's roots, sorted by t, those whose f' has the sign of the one before are removed; a crowd within an epsilon becomes its two ends.
@@ -321,11 +340,29 @@ impl Paper {
     }
 }
 
-fn hit(f: &Frustum, task: &Task, k: &Prepared, pixel: usize, u: [f64; 3]) -> Found {
-    let at = bases(k.d, u);
-    let [p, pu, pv, pw] = jet(k.d, &k.lanes, &at);
-    let pairs: Vec<Point> = k.depth.iter().map(|d| [d[0], d[1], 0.0, 0.0]).collect();
-    let [q, qu, qv, qw] = jet(k.d, &pairs, &at);
+/// The pixels that an element's control points are about, with half a pixel around.
+fn rectangle(wide: &Frustum, e: &HexElement) -> Option<PixelBox> {
+    let (mut x, mut y) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
+    for p in &e.points {
+        let d = DVec3::new(p[0], p[1], p[2]) - wide.eye;
+        let depth = if wide.parallel { 1.0 } else { wide.forward.dot(d) };
+        if depth <= 0.0 {
+            return Some(wide.all());
+        }
+        let (a, b) = (wide.right.dot(d) / depth, wide.up.dot(d) / depth);
+        (x, y) = ((x.0.min(a), x.1.max(a)), (y.0.min(b), y.1.max(b)));
+    }
+    // A millionth for rounding: lists of rays have no half pixel.
+    let slack = |q: (f64, f64)| {
+        let by = 1e-6 * (q.1 - q.0) + 1e-12 * q.0.abs().max(q.1.abs());
+        (q.0 - by, q.1 + by)
+    };
+    wide.narrow(wide.all(), slack(x), slack(y))
+}
+
+fn hit(f: &Frustum, task: &Task, k: &Forms, pixel: usize, u: [f64; 3]) -> Found {
+    let [p, pu, pv, pw] = evaluate(k.d, &k.lanes, u);
+    let [q, qu, qv, qw] = evaluate(k.d, &k.depth, u);
     let ray = &f.rays[pixel];
     let join = |p: &Point, q: &Point| [p[0], p[1], q[0], q[1]];
     let normal = crate::solve::normal(
@@ -338,132 +375,9 @@ fn hit(f: &Frustum, task: &Task, k: &Prepared, pixel: usize, u: [f64; 3]) -> Fou
         pixel: pixel as u16,
         surface: task.surface,
         certain: false,
+        face: false,
         t: (q[0] / q[1] - ray.start) / ray.rate,
         error: 0.0,
         normal,
-    }
-}
-
-/// The eight octants of a part of edge `size`.
-fn octants(k: &Prepared, part: Part, size: f64, mut take: impl FnMut(Part)) {
-    let mut parts = vec![part];
-    for axis in 0..3 {
-        let mut halves = Vec::with_capacity(2 * parts.len());
-        for mut upper in parts {
-            let mut lower = upper.clone();
-            halve(k.d, axis, &mut upper.p, &mut lower.p);
-            halve(k.e, axis, &mut upper.delta, &mut lower.delta);
-            upper.lo[axis] += 0.5 * size;
-            halves.push(lower);
-            halves.push(upper);
-        }
-        parts = halves;
-    }
-    parts.into_iter().for_each(&mut take);
-}
-
-/// Whether the bounding volume of (alpha, beta, gamma) holds the origin.
-fn holds_origin(d: [usize; 3], p: &[Point], bounds: Bounds) -> bool {
-    let (lo, hi) = range(p);
-    if (0..3).any(|i| lo[i] > 0.0 || hi[i] < 0.0) {
-        return false;
-    }
-    let axes = match bounds {
-        Bounds::Aabb => return true,
-        Bounds::Obb => jacobian_axes(d, p),
-        Bounds::Pca => principal_axes(p),
-    };
-    axes.is_none_or(|axes| {
-        axes.iter().all(|v| {
-            let (mut a, mut b) = (f64::INFINITY, f64::NEG_INFINITY);
-            for q in p {
-                let x = v.x * q[0] + v.y * q[1] + v.z * q[2];
-                (a, b) = (a.least(x), b.most(x));
-            }
-            a <= 0.0 && b >= 0.0
-        })
-    })
-}
-
-/// The paper's frame: v1 along the longest partial derivative at the middle, v3 across it and the second longest, v2 = v3 x v1.
-fn jacobian_axes(d: [usize; 3], p: &[Point]) -> Option<[DVec3; 3]> {
-    let [_, a, b, c] = jet(d, p, &bases(d, [0.5; 3]));
-    let mut v = [a, b, c].map(|q| DVec3::new(q[0], q[1], q[2]));
-    v.sort_by(|a, b| b.length_squared().total_cmp(&a.length_squared()));
-    let v1 = v[0].try_normalize()?;
-    let v3 = v[0].cross(v[1]).try_normalize()?;
-    Some([v1, v3.cross(v1), v3])
-}
-
-/// Eigenvectors of the covariance of the coefficients, by Jacobi rotations.
-fn principal_axes(p: &[Point]) -> Option<[DVec3; 3]> {
-    let n = p.len() as f64;
-    let at = |q: &Point| DVec3::new(q[0], q[1], q[2]);
-    let mean = p.iter().map(at).sum::<DVec3>() / n;
-    let mut m = [[0.0f64; 3]; 3];
-    for q in p {
-        let x = at(q) - mean;
-        for (i, row) in m.iter_mut().enumerate() {
-            for (j, e) in row.iter_mut().enumerate() {
-                *e += x[i] * x[j] / n;
-            }
-        }
-    }
-    let mut axes = [DVec3::X, DVec3::Y, DVec3::Z];
-    for _ in 0..12 {
-        for (i, j) in [(0, 1), (0, 2), (1, 2)] {
-            if m[i][j] == 0.0 {
-                continue;
-            }
-            let theta = (m[j][j] - m[i][i]) / (2.0 * m[i][j]);
-            let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
-            let t = if theta == 0.0 { 1.0 } else { t };
-            let c = 1.0 / (t * t + 1.0).sqrt();
-            let s = t * c;
-            let (a, b) = (m[i], m[j]);
-            m[i] = std::array::from_fn(|k| c * a[k] - s * b[k]);
-            m[j] = std::array::from_fn(|k| s * a[k] + c * b[k]);
-            for row in &mut m {
-                let (a, b) = (row[i], row[j]);
-                (row[i], row[j]) = (c * a - s * b, s * a + c * b);
-            }
-            let (a, b) = (axes[i], axes[j]);
-            (axes[i], axes[j]) = (a * c - b * s, a * s + b * c);
-        }
-    }
-    axes.iter().all(|a| a.is_finite()).then_some(axes)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn principal_axes_are_those_of_a_stretched_cloud() {
-        let long = DVec3::new(1.0, 2.0, -0.5).normalize();
-        let wide = long.any_orthonormal_vector();
-        let p: Vec<Point> = (0..50)
-            .map(|i| {
-                let x = long * f64::from(i - 25) + wide * f64::from(i * 7 % 11 - 5) + long.cross(wide) * 0.1 * f64::from(i % 3);
-                [x.x, x.y, x.z, 1.0]
-            })
-            .collect();
-        let axes = principal_axes(&p).unwrap();
-        assert!(axes.iter().any(|a| a.dot(long).abs() > 0.999));
-        assert!((axes[0].dot(axes[1])).abs() < 1e-12 && (axes[1].dot(axes[2])).abs() < 1e-12);
-    }
-
-    #[test]
-    fn oriented_boxes_are_tighter() {
-        // A thin slab across the diagonal, away from the origin: its axis-aligned box holds it.
-        let d = [1, 1, 1];
-        let p: Vec<Point> = (0..8)
-            .map(|n| {
-                let [u, v, w] = [n & 1, n >> 1 & 1, n >> 2].map(f64::from);
-                [2.0 * u - 1.0 + 0.4, 2.0 * v - 1.0 + 0.4, 1.0 - u - v + 0.02 * w + 0.4, 1.0]
-            })
-            .collect();
-        assert!(holds_origin(d, &p, Bounds::Aabb));
-        assert!(!holds_origin(d, &p, Bounds::Obb) && !holds_origin(d, &p, Bounds::Pca));
     }
 }

@@ -2,10 +2,10 @@
 
 use crate::candidates::Candidates;
 use crate::frustum::Frustum;
-use crate::paper::{self, Bounds, Paper};
+use crate::paper::{Kept, Manner, Paper, Work};
 use crate::solve::Found;
 use isobar_core::{Camera, Claim, HexPatches, Hit, Surface, View};
-use isobar_cpu::{Kernel, PixelSink, Tile, TileOut};
+use isobar_cpu::{PixelSink, Tile, TileOut};
 
 /// The paper's 1/(2h): as a slope or offset in the frame of the tile, and as the number it is. Lists of rays have no pixels: 1e-8 of the distance.
 pub(crate) fn epsilon(view: &View) -> [f64; 2] {
@@ -17,32 +17,46 @@ pub(crate) fn epsilon(view: &View) -> [f64; 2] {
     }
 }
 
-/// One tile of the paper's form as a kernel.
-pub(crate) struct DrawPaper<'a, 'b> {
+/// A scene as the tiles see it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct DrawPaper<'a> {
     pub(crate) patches: &'a HexPatches,
     pub(crate) candidates: &'a Candidates,
     pub(crate) view: &'a View,
     pub(crate) surfaces: &'a [Surface],
-    pub(crate) bounds: Bounds,
-    pub(crate) epsilon: [f64; 2],
-    pub(crate) tile: Tile,
-    pub(crate) out: &'a mut TileOut<'b>,
+    pub(crate) manner: Manner,
+    pub(crate) kept: &'a Kept,
 }
 
-impl Kernel for DrawPaper<'_, '_> {
-    type Output = paper::Work;
-
-    fn run(self) -> paper::Work {
+impl DrawPaper<'_> {
+    /// Draws one tile.
+    pub(crate) fn tile(&self, tile: Tile, out: &mut TileOut<'_>) -> Work {
         let mut solver = Paper::default();
-        for (frustum, (x0, y0)) in Frustum::of_tile(self.view, self.tile) {
-            solver.draw(&frustum, self.candidates, &self.patches.elements, self.bounds, self.epsilon);
-            let mut own: Vec<Vec<Found>> = vec![Vec::new(); frustum.rays.len()];
-            solver.found.iter().for_each(|f| own[usize::from(f.pixel)].push(*f));
+        for (frustum, (x0, y0)) in Frustum::of_tile(self.view, tile) {
+            let elements = &self.patches.elements;
+            solver.draw(
+                &frustum,
+                &frustum.widened(),
+                self.candidates,
+                elements,
+                &self.manner,
+                self.kept,
+            );
+            let sorted = |list: &[Found]| {
+                let mut own: Vec<Vec<Found>> = vec![Vec::new(); frustum.rays.len()];
+                list.iter().for_each(|f| own[usize::from(f.pixel)].push(*f));
+                own
+            };
+            let (mut own, beside) = (sorted(&solver.found), sorted(&solver.beside));
             for (i, ray) in frustum.rays.iter().enumerate() {
                 let list = &mut own[i];
-                Paper::filter(list, ray.ray.direction, self.epsilon[1]);
+                Paper::filter(list, ray.ray.direction, self.manner.epsilon[1]);
+                if list.is_empty() {
+                    // S_S of the pixel: the nearest point of a silhouette stands for the surface.
+                    list.extend(beside[i].iter().min_by(|a, b| a.t.total_cmp(&b.t)));
+                }
                 let (x, y) = (x0 + i % frustum.width, y0 + i / frustum.width);
-                let mut sink = PixelSink::new(self.out, x, y, &ray.ray, self.surfaces);
+                let mut sink = PixelSink::new(out, x, y, &ray.ray, self.surfaces);
                 let kept = self.view.kept(&ray.ray).unwrap_or((f64::INFINITY, f64::INFINITY));
                 for f in list.iter().filter(|f| f.t >= kept.0 && f.t <= kept.1) {
                     let more = sink.push(&Hit {

@@ -67,6 +67,8 @@ pub(crate) struct Found {
     pub(crate) surface: u8,
     /// Whether a root of the element certainly lies within `error` of t.
     pub(crate) certain: bool,
+    /// Whether it is a crossing that only rounding keeps from being told from one beyond a face of its cell.
+    pub(crate) face: bool,
     pub(crate) t: f64,
     pub(crate) error: f64,
     /// World gradient direction, not of unit length; 0 where the map is singular.
@@ -421,6 +423,7 @@ impl Solver {
                     pixel: pixel as u16,
                     surface: task.surface,
                     certain,
+                    face: false,
                     t: (depth - ray.start) / ray.rate,
                     error: ((reach + noise) / m.least_weight + rounded) / ray.rate.abs() * f.obliquity.max(1.0),
                     normal: normal(f, p, [pu, pv, pw], [au, av, aw]),
@@ -456,6 +459,7 @@ impl Solver {
                     pixel: pixel as u16,
                     surface: task.surface,
                     certain: false,
+                    face: false,
                     t: (depth - ray.start) / ray.rate,
                     error: (extent + 1e-14 * depth.abs()) / ray.rate.abs(),
                     normal: normal(f, p, [pu, pv, pw], [au, av, aw]),

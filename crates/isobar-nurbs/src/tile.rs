@@ -11,7 +11,7 @@ use isobar_cpu::{Kernel, PixelSink, Tile, TileOut};
 #[derive(Debug)]
 pub(crate) enum Index {
     /// Elements and the tasks among them.
-    Elements(HexPatches, Candidates),
+    Elements(HexPatches, Box<Candidates>),
     /// Cells of a grid.
     Cells(Box<Cells>),
 }
@@ -57,6 +57,9 @@ impl Kernel for DrawTile<'_, '_> {
             solver
                 .found
                 .sort_unstable_by(|a, b| a.pixel.cmp(&b.pixel).then(a.t.total_cmp(&b.t)));
+            if matches!(index, Index::Cells(_)) && solver.found.iter().any(|f| f.face) {
+                solver.found = once_at_faces(&solver.found, &frustum);
+            }
             let mut covered = Vec::new();
             // Of what planes cut away nothing is known of the pixel's square.
             if frusta && frustum.half > 0.0 && view.clips.is_empty() {
@@ -67,10 +70,10 @@ impl Kernel for DrawTile<'_, '_> {
                 match index {
                     Index::Elements(patches, candidates) => candidates.visit(&wide, &mut nodes, |task| {
                         let element = &patches.elements[task.element as usize];
-                        solver.cover(&wide, element, task, &mut settled, &mut covered);
+                        solver.cover(&wide, element, task, [0.0; 2], &mut settled, &mut covered);
                     }),
-                    Index::Cells(cells) => cells.elements(&wide, &mut nodes, |element, task| {
-                        solver.cover(&wide, element, task, &mut settled, &mut covered);
+                    Index::Cells(cells) => cells.elements(&wide, &mut nodes, |element, task, errors| {
+                        solver.cover(&wide, element, task, errors, &mut settled, &mut covered);
                     }),
                 }
             }
@@ -92,6 +95,30 @@ impl Kernel for DrawTile<'_, '_> {
             solver.work.hits += hits;
         }
     }
+}
+
+/// Roots of a grid's cells, sorted, without those that a kink at a face would show twice: each of two cells may find the one crossing just beyond its own side, and their
+/// slopes may put these farther apart than their errors. A continuous function does not cross twice the same way with nothing between, so of two such crossings, of which at
+/// least one is at a face, the better known stays, without a claim.
+fn once_at_faces(found: &[Found], f: &Frustum) -> Vec<Found> {
+    let mut out: Vec<Found> = Vec::with_capacity(found.len());
+    let way = |x: &Found| x.normal.dot(f.rays[usize::from(x.pixel)].ray.direction);
+    for next in found {
+        let own = out.iter_mut().rev().take_while(|o| o.pixel == next.pixel);
+        let crossing = |x: &Found| x.certain || x.face;
+        match own.into_iter().find(|o| o.surface == next.surface) {
+            Some(last) if (last.face || next.face) && crossing(last) && crossing(next) && way(last) * way(next) > 0.0 => {
+                let better = next.certain && !last.certain || next.certain == last.certain && next.error < last.error;
+                if better {
+                    *last = *next;
+                }
+                last.certain = false;
+                last.face = true;
+            }
+            _ => out.push(*next),
+        }
+    }
+    out
 }
 
 /// The roots of one pixel, by t, as hits: those of one surface whose enclosures overlap are one. What may be claimed.

@@ -1,8 +1,9 @@
 //! Boxes in a hierarchy (crate `obvhs`), and which of them a tile may see.
 //!
-//! The hierarchy works in f32 on the scene moved and scaled into the unit ball; boxes are widened by 1e-5, far more than rounding moves them.
+//! The hierarchy works in f32 on the scene moved and scaled into the unit ball; boxes are widened by 1e-5, far more than rounding moves them. Boxes far smaller than that are told apart by a test
+//! in f64 of each box of a leaf.
 
-use crate::frustum::Frustum;
+use crate::frustum::{EPS, Frustum};
 use glam::{DVec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
@@ -17,6 +18,9 @@ pub(crate) struct Tree {
     centre: DVec3,
     radius: f64,
     bvh: Bvh2,
+    boxes: Vec<(DVec3, DVec3)>,
+    /// Error of the boxes' corners.
+    noise: f64,
 }
 
 impl std::fmt::Debug for Tree {
@@ -28,8 +32,8 @@ impl std::fmt::Debug for Tree {
 }
 
 impl Tree {
-    /// Of boxes between two corners each.
-    pub(crate) fn new(boxes: &[(DVec3, DVec3)]) -> Self {
+    /// Of boxes between two corners each, which are wrong by `noise` at most.
+    pub(crate) fn new(boxes: Vec<(DVec3, DVec3)>, noise: f64) -> Self {
         let (lo, hi) = boxes.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), (lo, hi)| {
             (a.min(*lo), b.max(*hi))
         });
@@ -41,17 +45,23 @@ impl Tree {
         };
         let unit = |p: DVec3| ((p - centre) / radius).as_vec3a();
         let margin = Vec3A::splat(MARGIN as f32);
-        let boxes: Vec<Aabb> = boxes
+        let widened: Vec<Aabb> = boxes
             .iter()
             .map(|(lo, hi)| Aabb::new(unit(*lo) - margin, unit(*hi) + margin))
             .collect();
-        let bvh = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
-        Self { centre, radius, bvh }
+        let bvh = build_bvh2(&widened, BvhBuildParams::medium_build(), &mut Duration::default());
+        Self {
+            centre,
+            radius,
+            bvh,
+            boxes,
+            noise,
+        }
     }
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&self.bvh.nodes[..]) + self.bvh.primitive_indices.len() * 4
+        size_of_val(&self.bvh.nodes[..]) + self.bvh.primitive_indices.len() * 4 + size_of_val(&self.boxes[..])
     }
 
     /// Calls `visit` for every box the rays of the frustum may meet.
@@ -61,6 +71,11 @@ impl Tree {
             return;
         }
         let away = (f.eye - self.centre).length() / self.radius;
+        // Room for the rounding of a plane's product with a corner.
+        let exact = f.planes().map(|(n, d)| {
+            let room = 16.0 * EPS * (n.abs().dot(f.eye.abs()) + d.abs()) + self.noise * n.abs().element_sum();
+            (n, d - room)
+        });
         let planes = f.planes().map(|(n, d)| {
             let size = n.length();
             let n = n / size;
@@ -81,8 +96,53 @@ impl Tree {
                 continue;
             }
             for p in node.first_index..node.first_index + node.prim_count {
-                visit(self.bvh.primitive_indices[p as usize] as usize);
+                let own = self.bvh.primitive_indices[p as usize] as usize;
+                let (lo, hi) = self.boxes[own];
+                let size = lo.abs().max(hi.abs());
+                let outside = |&(n, d): &(DVec3, f64)| (n * lo).max(n * hi).element_sum() < d - 16.0 * EPS * n.abs().dot(size);
+                if !exact.iter().any(outside) {
+                    visit(own);
+                }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isobar_core::View;
+    use isobar_cpu::Tile;
+
+    /// Boxes of a ten thousand millionth of the scene, side by side: a tile sees its own, and at least those.
+    #[test]
+    fn boxes_far_below_the_margin_are_told_apart() {
+        let size = 1e-10;
+        let mut boxes: Vec<_> = (0..100)
+            .map(|i| {
+                let lo = DVec3::new(f64::from(i % 10) * size, 0.0, f64::from(i / 10) * size);
+                (lo, lo + size)
+            })
+            .collect();
+        boxes.push((DVec3::splat(-1.0), DVec3::splat(-0.9)));
+        let tree = Tree::new(boxes.clone(), 0.0);
+        let middle = DVec3::new(5.0, 0.0, 5.0) * size;
+        let view = View::perspective(middle - DVec3::Y * 40.0 * size, middle, DVec3::Z, 20.0, 64, 64);
+        let tile = Tile {
+            x: 32,
+            y: 32,
+            width: 4,
+            height: 4,
+        };
+        let (f, _) = Frustum::of_tile(&view, tile).remove(0);
+        let mut seen = Vec::new();
+        tree.visit(&f, &mut Vec::new(), |i| seen.push(i));
+        assert!((1..=12).contains(&seen.len()), "{seen:?}");
+        let point = f.rays[5].ray.at(41.0 * size);
+        let own = boxes
+            .iter()
+            .position(|(a, b)| point.cmpge(*a).all() && point.cmple(*b).all())
+            .unwrap();
+        assert!(seen.contains(&own), "{own} {seen:?}");
     }
 }

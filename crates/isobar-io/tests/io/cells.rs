@@ -238,7 +238,7 @@ fn fields_of_points_and_cells() {
             let o = Options {
                 field: Some(field.into()),
                 cell_to_point,
-                nan: None,
+                ..Options::default()
             };
             load_bytes("a", &file, &o)
         };

@@ -2,6 +2,7 @@
 
 use crate::build::{Random, base64, bytes, gzip, join, nifti_header, one, vti, zlib};
 use crate::cells;
+use crate::hexes;
 use crate::meshes::ply;
 use isobar_io::fuzz;
 use std::path::{Path, PathBuf};
@@ -9,13 +10,15 @@ use std::path::{Path, PathBuf};
 /// A fuzz target: its name, its function.
 type Target = (&'static str, fn(&[u8]));
 
-const TARGETS: [Target; 8] = [
+const TARGETS: [Target; 10] = [
     ("nrrd", fuzz::nrrd),
     ("nifti", fuzz::nifti),
     ("vti", fuzz::vti),
     ("vtk", fuzz::vtk),
     ("vtu", fuzz::vtu),
     ("plot3d", fuzz::plot3d),
+    ("nurbs", fuzz::nurbs),
+    ("mfem", fuzz::mfem),
     ("off", fuzz::off),
     ("ply", fuzz::ply),
 ];
@@ -194,6 +197,14 @@ fn seeds() -> Vec<(&'static str, &'static str, Vec<u8>)> {
         ("vtk", "cells-offsets", cells::vtk(true, 5)),
         ("vtk", "cells-offsets-text", cells::vtk(false, 5)),
     ];
+    // The first byte says which text follows.
+    let texts = hexes::small().into_iter().zip(["{", "<", "#"]);
+    all.extend(texts.map(|((name, text), kind)| ("nurbs", name, format!("{kind}{text}").into_bytes())));
+    let [plain, patch] = hexes::mfem();
+    let mesh = plain.split('\u{c}').next().unwrap_or_default().to_owned();
+    for (name, text) in [("function", plain), ("patch", patch), ("mesh", mesh)] {
+        all.push(("mfem", name, text.into_bytes()));
+    }
     let names = ["ascii", "inline", "zlib", "base64", "raw"];
     all.extend(
         names
@@ -215,7 +226,7 @@ fn the_seeds_are_committed() {
         }
         // Compressed bytes may differ between versions of the compressor: what is compared is what they are read as.
         let committed = std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}; run with ISOBAR_BLESS=1", path.display()));
-        if target == "plot3d" {
+        if matches!(target, "plot3d" | "nurbs" | "mfem") {
             assert_eq!(committed, bytes, "{target}/{name}");
         } else if target == "vtu" || name.starts_with("cells") {
             let read = |b: &[u8]| match crate::build::load(name, b).unwrap_or_else(|e| panic!("{target}/{e}")).data {

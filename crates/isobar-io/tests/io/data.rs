@@ -7,7 +7,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// `ISOBAR_DATA`, else `shared/data` beside the workspace. Where it is absent the skip is said past the test harness's capture.
-fn folder(test: &str) -> Option<PathBuf> {
+pub(crate) fn folder(test: &str) -> Option<PathBuf> {
     let path = std::env::var_os("ISOBAR_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"),
         PathBuf::from,
@@ -260,7 +260,7 @@ fn every_mesh_of_cells_agrees_with_the_manifest() {
     let with = |field: &str, cell_to_point| Options {
         field: Some(field.into()),
         cell_to_point,
-        nan: None,
+        ..Options::default()
     };
     let (.., energy) = read("curvilinear/postxyz.bin", &with("energy", false));
     assert!((energy.0 + 0.54).abs() < 0.01 && (energy.1 - 4.40).abs() < 0.01, "{energy:?}");

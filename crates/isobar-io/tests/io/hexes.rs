@@ -1,20 +1,11 @@
 //! Files of Bezier, NURBS and Lagrange elements.
 
 use crate::build::Random;
+use crate::data::folder;
 use isobar_core::{DVec3, Data, HexPatches};
 use isobar_fields::{HexField, evaluate_hex};
 use isobar_io::{Options, load, load_bytes};
-use std::path::{Path, PathBuf};
-
-fn folder(test: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    if path.is_dir() {
-        return Some(path);
-    }
-    use std::io::Write;
-    let _ = writeln!(std::io::stdout(), "\nSKIPPED: isobar-io {test}: no ../shared/data");
-    None
-}
+use std::path::Path;
 
 fn hexes(file: &Path, o: &Options) -> (HexPatches, Vec<String>) {
     let l = load(file, o).unwrap_or_else(|e| panic!("{e}"));
@@ -302,7 +293,7 @@ fn mfem_files_agree_with_their_lagrange_cells() {
 }
 
 /// A mesh of two straight hexahedra with a quadratic grid function, and a rational NURBS patch.
-fn mfem() -> [String; 2] {
+pub(crate) fn mfem() -> [String; 2] {
     let plain = "MFEM mesh v1.0\n\ndimension\n3\nelements\n2\n1 5 0 1 2 3 4 5 6 7\n1 5 9 8 0 1 11 10 4 5\nboundary\n1\n1 3 0 1 2 3\nvertices\n12\n3\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n0 -1 0\n1 -1 0\n0 -1 1\n1 -1 1\n";
     // 12 vertices, 20 edges, 11 faces, 2 insides
     let field = "FiniteElementSpace\nFiniteElementCollection: H1_3D_P2\nVDim: 1\nOrdering: 0\n\n".to_owned()
@@ -391,4 +382,48 @@ fn injured_texts_are_refused_or_read() {
             run(&b);
         }
     }
+}
+
+/// Linear hexahedra (12), voxels (11, corners in another order) and the cells of a grid as elements: the same trilinear function.
+#[test]
+fn linear_hexahedra_are_read_as_elements_where_asked() {
+    let o = Options {
+        as_hexes: true,
+        ..Options::default()
+    };
+    let corner = |n: usize| [n & 1, n >> 1 & 1, n >> 2].map(|i| i as f64);
+    let file = |kind: u8, order: [usize; 8]| {
+        let points: String = (0..8).map(|n| corner(n).map(|x| format!("{x} ")).concat()).collect();
+        let cell: String = order.iter().map(|n| format!(" {n}")).collect();
+        format!(
+            "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 8 float\n{points}\nCELLS 1 9\n8{cell}\nCELL_TYPES 1\n{kind}\n\
+             POINT_DATA 8\nSCALARS s float 1\nLOOKUP_TABLE default\n0 1 2 3 4 5 6 8\n"
+        )
+    };
+    let grid = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 2 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\n\
+                POINT_DATA 8\nSCALARS s float 1\nLOOKUP_TABLE default\n0 1 2 3 4 5 6 8\n";
+    for text in [
+        file(12, [0, 1, 3, 2, 4, 5, 7, 6]),
+        file(11, [0, 1, 2, 3, 4, 5, 6, 7]),
+        grid.to_owned(),
+    ] {
+        let l = load_bytes("a.vtk", text.as_bytes(), &o).unwrap_or_else(|e| panic!("{e}"));
+        let Data::Hexes(h) = l.data else {
+            panic!("a {}", l.data.kind())
+        };
+        assert_eq!(
+            (h.elements.len(), h.elements[0].degree, h.elements[0].value_degree),
+            (1, [1; 3], [1; 3])
+        );
+        let p = evaluate_hex(&h.elements[0], DVec3::new(0.25, 0.5, 0.75));
+        // x + 2 y + 4 z + x y z
+        assert!((p.position - DVec3::new(0.25, 0.5, 0.75)).length() < 1e-15 && (p.value - 4.343_75).abs() < 1e-14);
+    }
+    // Without being asked, voxels are refused and hexahedra split.
+    let plain = |kind, order| load_bytes("a.vtk", file(kind, order).as_bytes(), &Options::default());
+    assert_eq!(plain(12, [0, 1, 3, 2, 4, 5, 7, 6]).unwrap().data.kind(), "tets");
+    let e = plain(11, [0, 1, 2, 3, 4, 5, 6, 7]).unwrap_err().to_string();
+    assert!(e.contains("pixel or voxel") && e.contains("as=hexes"), "{e}");
+    let tetra = load_bytes("a.vtk", file(10, [0; 8]).as_bytes(), &o).unwrap_err().to_string();
+    assert!(tetra.contains("cell 0 of type 10") && tetra.lines().count() == 1, "{tetra}");
 }
