@@ -14,16 +14,26 @@ fn comparisons(r: &Report) -> impl Iterator<Item = (&Scene, &Comparison)> {
         .flat_map(|s| s.comparisons.iter().map(move |c| (s, c)))
 }
 
+/// Whether more than one method drew it.
+fn has_rivals(c: &Comparison) -> bool {
+    let mut drawn = c.rows.iter().filter(|r| r.reason.is_none()).map(|r| &r.method);
+    let first = drawn.next();
+    drawn.any(|m| Some(m) != first)
+}
+
 pub(super) fn summary(r: &Report, methods: &[String]) -> String {
     let mut out = String::from("<h2 id=\"summary\">In short</h2>\n");
-    let total = comparisons(r).count();
-    if total == 0 {
+    if comparisons(r).next().is_none() {
         out.push_str("<p>No scene was measured; the reasons stand below.</p>\n");
         return out;
     }
     out.push_str("<p>Methods are compared at equal error, never at equal settings: for each target, the fastest setting of the knob sweep that keeps it. Times are wall clock, of one frame.</p>\n<ul>\n");
-    for t in &TARGETS {
-        let winners: Vec<&Row> = comparisons(r).filter_map(|(_, c)| fastest(&c.rows, t)).collect();
+    let total = comparisons(r).filter(|(_, c)| has_rivals(c)).count();
+    for t in TARGETS.iter().filter(|_| total > 0) {
+        let winners: Vec<&Row> = comparisons(r)
+            .filter(|(_, c)| has_rivals(c))
+            .filter_map(|(_, c)| fastest(&c.rows, t))
+            .collect();
         let mut parts: Vec<String> = (methods.iter())
             .filter_map(|m| {
                 let n = winners.iter().filter(|w| w.method == *m).count();
@@ -39,6 +49,13 @@ pub(super) fn summary(r: &Report, methods: &[String]) -> String {
             "<li>{}: of {total} comparisons, {}.</li>",
             capital(t.title),
             parts.join(", ")
+        );
+    }
+    let single = comparisons(r).count() - total;
+    if single > 0 {
+        let _ = writeln!(
+            out,
+            "<li>{single} more have a single method: nothing to be faster than, so they are not counted here.</li>"
         );
     }
     out.push_str("</ul>\n");
@@ -72,10 +89,11 @@ fn winners(r: &Report, methods: &[String]) -> String {
     let rows: Vec<_> = comparisons(r)
         .map(|(s, c)| {
             let title = format!(
-                "<a href=\"#{}\">{}</a><small>{}</small>",
+                "<a href=\"#{}\">{}</a><small>{}{}</small>",
                 anchor(&s.id),
                 escape(&s.title),
-                escape(&c.reconstruction)
+                escape(&c.reconstruction),
+                if has_rivals(c) { "" } else { ", one method only" },
             );
             let mut cells = vec![Cell::with("text", title)];
             for t in &TARGETS {

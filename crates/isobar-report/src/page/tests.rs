@@ -113,6 +113,17 @@ fn the_page_says_who_wins_and_what_failed() {
     assert!(p.contains("certified: certified at 0.5") && p.contains("<code>crates/a.rs: banks</code>"));
 }
 
+/// A method without a rival is not the fastest of anything.
+#[test]
+fn one_method_alone_wins_nothing() {
+    let mut r = report();
+    r.scenes[0].comparisons[0].rows.retain(|row| row.method == "b/cpu");
+    let p = page(&r).unwrap();
+    assert!(!p.contains("is fastest in"));
+    assert!(p.contains("1 more have a single method"));
+    assert!(p.contains(", one method only</small>"));
+}
+
 /// Media are compared by colour, and not ranked among those compared by distance.
 #[test]
 fn media_have_a_table_of_colours() {
