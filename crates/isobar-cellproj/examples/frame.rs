@@ -1,12 +1,15 @@
 //! Draws a scene, gives the CPU time of a frame (least and median of the repeats, summed over threads) with counters, and holds it against the oracle:
 //! `cargo run --release -p isobar-cellproj --example frame -- FILE|NAME,as=tets ISOVALUE[,ISOVALUE...]|N [size=1024x768] [ortho] [check] [repeats=9]
-//! [tf=sharp|smooth|FILE.toml] [colours] [paper] [set=knob:value,...]`. N without a point asks for N isovalues evenly inside the range; cell data are averaged to
-//! the points; `paper` draws with `cellproj/cpu-paper`; synthetic data are seen in the bench view, files in the default one.
+//! [tf=sharp|smooth|FILE.toml] [colours] [paper|gpu] [threads=N] [eye=X,Y,Z target=X,Y,Z] [set=knob:value,...]`. N without a point asks for N isovalues evenly inside the range; cell data are averaged to
+//! the points; `paper` draws with `cellproj/cpu-paper`, `gpu` (feature `gpu`) with `cellproj/gpu`; `check` also tells where a normal is far from the oracle's; synthetic data are seen in the bench view, files in the default one.
 
-use isobar_core::{Camera, Channels, Data, Frame, Knobs, Method, Request, Stage, Stop, Surface, TransferFunction, View};
+use isobar_core::{
+    Camera, Channels, DVec3, Data, Frame, Knobs, Method, Request, Stage, Stop, Surface, TetMesh, TransferFunction, View,
+};
 use isobar_fields::Synthetic;
 use isobar_oracle::{Colours, Reference, Truth, check};
 use rustix::time::{ClockId, clock_gettime};
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -68,6 +71,35 @@ fn read_transfer(path: &str, data: &Data) -> Result<TransferFunction, Box<dyn st
     Ok(TransferFunction::new(points, unit)?)
 }
 
+/// Faces whose two cells lie on the same side: there the mesh is folded, and cells overlap.
+fn folds(mesh: &TetMesh) -> usize {
+    let mut faces: HashMap<[u32; 3], Vec<u32>> = HashMap::new();
+    for c in mesh.cells.iter() {
+        for k in 0..4 {
+            let mut face = [c[(k + 1) % 4], c[(k + 2) % 4], c[(k + 3) % 4]];
+            face.sort_unstable();
+            faces.entry(face).or_default().push(c[k]);
+        }
+    }
+    let p = |i: u32| mesh.points[i as usize];
+    let is_folded = |(face, corners): &(&[u32; 3], &Vec<u32>)| {
+        let [a, b, c] = face.map(p);
+        let side = |i: u32| (b - a).cross(c - a).dot(p(i) - a);
+        corners.len() == 2 && side(corners[0]) * side(corners[1]) > 0.0
+    };
+    faces.iter().filter(is_folded).count()
+}
+
+/// The cells that hold a point.
+fn cells_at(mesh: &TetMesh, at: DVec3) -> Vec<usize> {
+    let holds = |c: &[u32; 4]| {
+        let [a, b, d, e] = c.map(|i| mesh.points[i as usize] - at);
+        let parts = [b.cross(d).dot(e), -a.cross(d).dot(e), a.cross(b).dot(e), -a.cross(b).dot(d)];
+        parts.iter().all(|v| *v >= 0.0) || parts.iter().all(|v| *v <= 0.0)
+    };
+    (0..mesh.cells.len()).filter(|&i| holds(&mesh.cells[i])).collect()
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [spec, isovalues, flags @ ..] = &arguments[..] else {
@@ -92,6 +124,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     } else {
         (spec.parse::<Synthetic>()?.data()?, View::bench(w, h))
     };
+    let point = |name: &str| -> Option<DVec3> {
+        let numbers: Vec<f64> = value(name)?.split(',').filter_map(|v| v.parse().ok()).collect();
+        (numbers.len() == 3).then(|| DVec3::from_slice(&numbers))
+    };
+    if let (Some(eye), Some(target)) = (point("eye"), point("target")) {
+        view = View::perspective(eye, target, DVec3::Z, 40.0, w, h);
+    }
     let Data::Tets(mesh) = &data else {
         return Err("data that are no tetrahedra".into());
     };
@@ -116,6 +155,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let height = 2.0 * (target - eye).length() * (0.5 * f64::to_radians(fov)).tan();
         view.camera = Camera::Orthographic { eye, target, up, height };
     }
+    let mesh = mesh.clone();
+    let mesh = &mesh;
     let data: Arc<Data> = Arc::new(data);
     let surfaces: Vec<Surface> = isovalues.iter().enumerate().map(|(i, &c)| Surface::isovalue(c, i)).collect();
     let mut knobs = Knobs::default();
@@ -125,12 +166,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let request = Request {
         channels: Channels::T | Channels::NORMAL | Channels::SURFACE | Channels::RGBA | Channels::CLAIM | Channels::T_ERROR,
         knobs,
+        threads: value("threads").unwrap_or("0").parse()?,
         ..Request::default()
     };
-    let method: &dyn Method = if flag("paper") {
-        &isobar_cellproj::CELLPROJ_CPU_PAPER
-    } else {
-        &isobar_cellproj::CELLPROJ_CPU
+    let method: &dyn Method = match (flag("paper"), flag("gpu")) {
+        (true, _) => &isobar_cellproj::CELLPROJ_CPU_PAPER,
+        #[cfg(feature = "gpu")]
+        (_, true) => &isobar_cellproj::CELLPROJ_GPU,
+        #[cfg(not(feature = "gpu"))]
+        (_, true) => return Err("built without the feature gpu".into()),
+        _ => &isobar_cellproj::CELLPROJ_CPU,
     };
     let mut r = method.open(&request)?;
     let timed = |name: &str, start: f64| println!("{name}: {:.2} ms", (cpu_seconds() - start) * 1e3);
@@ -187,6 +232,22 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let start = cpu_seconds();
         let truth = Truth::compute(&f, &surfaces, &view, &Stop::default())?;
         let c = check(&frame, &truth, &f, &surfaces, &view)?;
+        // Both sides of the hit: on a common face the gradient is that of either cell.
+        for i in 0..view.pixels() {
+            let (t, ray) = (frame.t[i], view.ray(i % w, i / w));
+            let [x, y, z] = frame.normal[i].map(f64::from);
+            let side = |s: f64| f.gradient(ray.at(t * (1.0 + s))).normalize_or_zero().to_array();
+            let [a, b, d] = side(0.0);
+            if t.is_finite() && a * x + b * y + d * z < 0.0 {
+                let (before, behind) = (side(-1e-7), side(1e-7));
+                println!(
+                    "pixel {i}: normal {:?}, before it {before:?}, behind it {behind:?}; cells {:?}",
+                    [x, y, z],
+                    cells_at(mesh, ray.at(t * (1.0 + 1e-7)))
+                );
+            }
+        }
+        println!("{} faces have both their cells on the same side", folds(mesh));
         println!(
             "{w}x{h}: {} hits; missed {}, false {}, wrong root {}, wrong surface {}, refuted {}, undecidable {} (differing {}), unclaimed {}; t off by {:?} voxels, normals {:?} degrees; {:?}; oracle {:.0} ms",
             c.hits,

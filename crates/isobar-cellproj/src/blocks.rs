@@ -1,4 +1,4 @@
-//! Squares of the image that cells are sorted into: larger than tiles, so that few cells are in several.
+//! Squares of the image that cells are sorted into: on the CPU larger than tiles, so that few cells are in several.
 
 use crate::camera::Projection;
 use crate::cells::Screen;
@@ -50,11 +50,22 @@ struct Chunk {
 impl CellBins {
     /// Sorts `cells` for which `wanted` holds.
     pub(crate) fn new(mesh: &Cells, screen: &Screen, cells: &[u32], wanted: impl Fn(u32) -> bool + Sync) -> Self {
-        let columns = Block::columns(&screen.projection);
-        let blocks = columns * screen.projection.height.div_ceil(SIDE);
+        Self::with_side(mesh, screen, cells, SIDE, wanted)
+    }
+
+    /// The same with squares of `side` pixels, numbered row by row.
+    pub(crate) fn with_side(
+        mesh: &Cells,
+        screen: &Screen,
+        cells: &[u32],
+        side: usize,
+        wanted: impl Fn(u32) -> bool + Sync,
+    ) -> Self {
+        let columns = screen.projection.width.div_ceil(side);
+        let blocks = columns * screen.projection.height.div_ceil(side);
+        let side = side as i32;
         let sort = |cells: &[u32]| {
             let mut starts = vec![0u32; blocks + 2];
-            let side = SIDE as i32;
             let mut ranges: Vec<[u16; 4]> = Vec::with_capacity(cells.len());
             for &cell in cells {
                 let bounds = if wanted(cell) {
@@ -91,8 +102,13 @@ impl CellBins {
 
     /// The cells of a block.
     pub(crate) fn of(&self, block: Block) -> impl Iterator<Item = u32> + '_ {
+        self.numbered(block.number)
+    }
+
+    /// The cells of a square.
+    pub(crate) fn numbered(&self, number: usize) -> impl Iterator<Item = u32> + '_ {
         self.0.iter().flat_map(move |c| {
-            let range = c.starts[block.number] as usize..c.starts[block.number + 1] as usize;
+            let range = c.starts[number] as usize..c.starts[number + 1] as usize;
             c.cells[range].iter().copied()
         })
     }

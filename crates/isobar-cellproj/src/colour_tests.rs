@@ -3,26 +3,30 @@
 use crate::CELLPROJ_CPU;
 use crate::tests::{fire, orthographic, synthetic};
 use isobar_core::{
-    Camera, Channels, Counters, DVec3, Data, Frame, Function, Knobs, Method, Ray, Request, Stage, Stop, Surface, TetMesh,
-    TransferFunction, View,
+    Camera, Channels, ClipPlane, Counters, DVec3, Data, Frame, Function, Knobs, Method, Ray, Request, Stage, Stop, Surface,
+    TetMesh, TransferFunction, View,
 };
 use isobar_oracle::{Colours, Difference, Integral, Model, Reference};
 use std::sync::Arc;
 
 /// A scene with a medium.
-struct Scene {
-    data: Arc<Data>,
-    surfaces: Vec<Surface>,
-    transfer: TransferFunction,
-    view: View,
+pub(crate) struct Scene {
+    pub(crate) data: Arc<Data>,
+    pub(crate) surfaces: Vec<Surface>,
+    pub(crate) transfer: TransferFunction,
+    pub(crate) view: View,
 }
 
 fn frame(scene: &Scene, knobs: Knobs) -> (Frame, Counters, Arc<dyn Function>) {
+    frame_of(&CELLPROJ_CPU, scene, knobs)
+}
+
+pub(crate) fn frame_of(method: &dyn Method, scene: &Scene, knobs: Knobs) -> (Frame, Counters, Arc<dyn Function>) {
     let request = Request {
         knobs,
         ..Request::default()
     };
-    let mut r = CELLPROJ_CPU.open(&request).unwrap();
+    let mut r = method.open(&request).unwrap();
     r.set_data(&scene.data).unwrap();
     r.set_surfaces(&scene.surfaces).unwrap();
     r.set_medium(Some(&scene.transfer)).unwrap();
@@ -33,18 +37,18 @@ fn frame(scene: &Scene, knobs: Knobs) -> (Frame, Counters, Arc<dyn Function>) {
     (frame, r.counters(), r.reconstruction(Stage::Stored).unwrap())
 }
 
-fn count(c: &Counters, name: &str) -> u64 {
+pub(crate) fn count(c: &Counters, name: &str) -> u64 {
     c.0.iter().find(|c| c.0 == name).unwrap().1
 }
 
-fn truth(scene: &Scene, function: &Arc<dyn Function>, model: Model) -> Colours {
+pub(crate) fn truth(scene: &Scene, function: &Arc<dyn Function>, model: Model) -> Colours {
     let integral = Integral::new(
         function,
         &scene.surfaces,
         Some(&scene.transfer),
         Reference::Integral,
         model,
-        &[],
+        &scene.view.clips,
     )
     .unwrap();
     let c = Colours::of(&integral, &scene.view, &Stop::default()).unwrap();
@@ -53,7 +57,7 @@ fn truth(scene: &Scene, function: &Arc<dyn Function>, model: Model) -> Colours {
 }
 
 /// Slopes of at most 8 over the range, optical depths near 1.
-fn smooth((lo, hi): (f64, f64), depth: f64) -> TransferFunction {
+pub(crate) fn smooth((lo, hi): (f64, f64), depth: f64) -> TransferFunction {
     let at = |x: f64| lo + x * (hi - lo);
     let d = depth as f32;
     TransferFunction {
@@ -69,7 +73,7 @@ fn smooth((lo, hi): (f64, f64), depth: f64) -> TransferFunction {
     }
 }
 
-fn glass(values: &[(f64, f32)]) -> Vec<Surface> {
+pub(crate) fn glass(values: &[(f64, f32)]) -> Vec<Surface> {
     let surface = |(i, &(c, opacity)): (usize, &(f64, f32))| Surface {
         opacity,
         ..Surface::isovalue(c, i)
@@ -77,7 +81,7 @@ fn glass(values: &[(f64, f32)]) -> Vec<Surface> {
     values.iter().enumerate().map(surface).collect()
 }
 
-fn views() -> Vec<(&'static str, View)> {
+pub(crate) fn views() -> Vec<(&'static str, View)> {
     vec![
         ("perspective", View::bench(61, 43)),
         (
@@ -239,8 +243,7 @@ fn a_real_mesh_is_ordered() {
 }
 
 /// Three slabs that hide each other in turn: no order exists, each pixel has its own.
-#[test]
-fn a_cycle_is_found_and_resolved() {
+pub(crate) fn cycle() -> Scene {
     let mut points = Vec::new();
     let mut cells: Vec<[u32; 4]> = Vec::new();
     for k in 0..3 {
@@ -258,12 +261,17 @@ fn a_cycle_is_found_and_resolved() {
     }
     let values: Vec<f32> = (0..12).map(|i| (i / 4) as f32 * 0.4 + 0.1).collect();
     let mesh = TetMesh::new(points.into(), cells.into(), values.into()).unwrap();
-    let scene = Scene {
+    Scene {
         data: Arc::new(Data::Tets(mesh)),
         surfaces: vec![],
         transfer: smooth((0.0, 1.0), 60.0),
         view: orthographic(DVec3::new(0.0, -0.001, 5.0), DVec3::ZERO, 3.0, (97, 97)),
-    };
+    }
+}
+
+#[test]
+fn a_cycle_is_found_and_resolved() {
+    let scene = cycle();
     let (f, counters, function) = frame(&scene, exact());
     assert_eq!(
         (
@@ -280,6 +288,33 @@ fn a_cycle_is_found_and_resolved() {
     let (g, counters, _) = frame(&scene, exact().with("sort", "centroids"));
     let (pixels, d) = (count(&counters, "pixels out of order"), t.difference(&g).unwrap());
     assert!(pixels > 10 && d.max > 0.01, "{pixels} {d:?}");
+}
+
+/// Two planes through the mesh, one along some rays' plane, in every view: the medium ends at them, hits beyond are gone.
+#[test]
+fn the_medium_is_cut_at_planes() {
+    let data = synthetic("marschner-lobb,n=14,as=tets");
+    for (name, mut view) in views() {
+        for (normal, distance) in [(DVec3::new(2.0, 0.5, 0.1), 0.7), (DVec3::new(0.0, -0.3, -1.0), 0.4)] {
+            let cap = false;
+            view.clips.push(ClipPlane { normal, distance, cap });
+        }
+        let scene = Scene {
+            data: data.clone(),
+            surfaces: glass(&[(0.5, 0.4)]),
+            transfer: smooth((0.0, 1.0), 2.0),
+            view,
+        };
+        let (f, _, function) = frame(&scene, exact());
+        let d = truth(&scene, &function, Model::VolumeDensity).difference(&f).unwrap();
+        assert!(d.p99 < 2e-5 && d.max < 0.02, "{name}: {d:?}");
+        let whole = View {
+            clips: vec![],
+            ..scene.view.clone()
+        };
+        let (g, _, _) = frame(&Scene { view: whole, ..scene }, exact());
+        assert!(f.rgba != g.rgba, "{name}: the planes cut something");
+    }
 }
 
 /// The paper's appendix: a transfer function that is 0 but for a steep peak of unbounded height at the isovalue gives the isosurface, alpha = H H whatever the length.

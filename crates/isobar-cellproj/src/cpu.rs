@@ -11,12 +11,38 @@ use isobar_core::{
     Camera, Counters, Data, DataKind, Frame, Function, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
     RenderTime, Renderer, Request, ResolvedKnobs, Scene, Stage, Stop, Surface, TetMesh, TransferFunction, Unsupported, View,
 };
-use isobar_cpu::scene::{Isovalues, check_request, check_scene, check_view};
+use isobar_cpu::scene::{Isovalues, check_clipped_scene, check_open_cuts, check_request};
 use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
 use isobar_fields::TetLinear;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
+
+/// Settings that `cellproj/gpu` has as well.
+pub(crate) const SHADING: KnobSpec = KnobSpec {
+    name: "shading",
+    doc: "light of a hit by the gradient of its cell, or by normals of the points, linear in the cell; normals given are the cell's",
+    kind: KnobKind::Choice(&["flat", "smooth"]),
+};
+pub(crate) const TABLE: KnobSpec = KnobSpec {
+    name: "table",
+    doc: "nodes along each axis of the 3D table; the 2D table has four times as many",
+    kind: KnobKind::Int {
+        default: 64,
+        min: 2,
+        max: 256,
+    },
+};
+pub(crate) const MODEL: KnobSpec = KnobSpec {
+    name: "model",
+    doc: "what the medium emits: extinction times colour, or colour alone",
+    kind: KnobKind::Choice(&["williams-max", "wilhelms-van-gelder"]),
+};
+pub(crate) const SORT: KnobSpec = KnobSpec {
+    name: "sort",
+    doc: "order of the cells: by visibility, or by the distance of their centroids, which may be wrong",
+    kind: KnobKind::Choice(&["visibility", "centroids"]),
+};
 
 pub(crate) static INFO: MethodInfo = MethodInfo {
     id: "cellproj/cpu",
@@ -32,35 +58,15 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
             doc: "state what is proved of each pixel (EXISTS, FIRST, EMPTY)",
             kind: KnobKind::Choice(&["on", "off"]),
         },
-        KnobSpec {
-            name: "shading",
-            doc: "light of a hit by the gradient of its cell, or by normals of the points, linear in the cell; normals given are the cell's",
-            kind: KnobKind::Choice(&["flat", "smooth"]),
-        },
+        SHADING,
         KnobSpec {
             name: "integration",
             doc: "how a ray's stay in a cell is integrated: 3D table, 2D table at the average thickness, or each by itself to rounding",
             kind: KnobKind::Choice(&["table3d", "table2d", "exact"]),
         },
-        KnobSpec {
-            name: "table",
-            doc: "nodes along each axis of the 3D table; the 2D table has four times as many",
-            kind: KnobKind::Int {
-                default: 64,
-                min: 2,
-                max: 256,
-            },
-        },
-        KnobSpec {
-            name: "model",
-            doc: "what the medium emits: extinction times colour, or colour alone",
-            kind: KnobKind::Choice(&["williams-max", "wilhelms-van-gelder"]),
-        },
-        KnobSpec {
-            name: "sort",
-            doc: "order of the cells: by visibility, or by the distance of their centroids, which may be wrong",
-            kind: KnobKind::Choice(&["visibility", "centroids"]),
-        },
+        TABLE,
+        MODEL,
+        SORT,
     ],
     sweep: ("table", &["8", "16", "32", "64", "128"]),
 };
@@ -78,6 +84,9 @@ pub struct CellprojCpu;
 ///
 /// With a transfer function the colour is that of the medium with the surfaces in it (sections 3, 4 and 10): cells in visibility order, each fragment
 /// integrated by table or by itself, cut at the exact hits. Colours carry no claim. Lists of rays are not drawn with a medium.
+///
+/// Open clipping planes: whether a hit lies beyond one is decided as whether it is one, in integers where f64 cannot tell; a hit on a plane is kept. The medium ends at the plane, to
+/// rounding. Closed cuts are refused.
 pub static CELLPROJ_CPU: CellprojCpu = CellprojCpu;
 
 impl Method for CellprojCpu {
@@ -87,7 +96,7 @@ impl Method for CellprojCpu {
 
     fn supports(&self, scene: &Scene<'_>, request: &Request) -> Result<(), Unsupported> {
         let surfaces_only = Scene { medium: None, ..*scene };
-        check_scene(&INFO, &surfaces_only, request)?;
+        check_clipped_scene(&INFO, &surfaces_only, request)?;
         match (scene.medium, &scene.view.camera) {
             (Some(_), Camera::Rays(_)) => Err(rays_with_medium()),
             _ => Ok(()),
@@ -135,7 +144,16 @@ struct Output {
 /// How hits are written, and how the medium is drawn.
 fn settings(knobs: &Knobs) -> Result<(Output, Settings), RenderError> {
     let k = ResolvedKnobs::new(INFO.knobs, knobs)?;
-    let settings = Settings {
+    let output = Output {
+        claims: k.word("claims") == "on",
+        smooth: k.word("shading") == "smooth",
+    };
+    Ok((output, medium_settings(&k)))
+}
+
+/// How the medium is drawn.
+pub(crate) fn medium_settings(k: &ResolvedKnobs) -> Settings {
+    Settings {
         model: if k.word("model") == "williams-max" {
             Model::WilliamsMax
         } else {
@@ -152,12 +170,7 @@ fn settings(knobs: &Knobs) -> Result<(Output, Settings), RenderError> {
         } else {
             Sort::Centroids
         },
-    };
-    let output = Output {
-        claims: k.word("claims") == "on",
-        smooth: k.word("shading") == "smooth",
-    };
-    Ok((output, settings))
+    }
 }
 
 #[derive(Debug)]
@@ -295,7 +308,7 @@ impl Renderer for Cellproj {
 
     fn set_view(&mut self, view: &View) -> Result<(), RenderError> {
         view.validate()?;
-        check_view(&INFO, view)?;
+        check_open_cuts(&INFO, view)?;
         if !matches!(view.camera, Camera::Rays(_)) && view.height > 65_536 {
             return Err(RenderError::View(
                 "cellproj counts to 65536 rows; give a smaller --size".into(),
@@ -334,6 +347,7 @@ impl Renderer for Cellproj {
         let resolver = Resolver {
             cells,
             isovalues: surfaces.values(),
+            clips: &view.clips,
         };
         let total = [AtomicU64::new(0), AtomicU64::new(0)];
         let nearest_only = self.nearest_only();
@@ -426,6 +440,7 @@ impl Renderer for Cellproj {
                 ("cycles", i.counts.cycles as u64),
                 ("cells in cycles", i.counts.cells_in_cycles as u64),
                 ("cells in blocks", i.counts.entries as u64),
+                ("microseconds of sorting", i.counts.sorting.as_micros() as u64),
                 ("cells set up", i.volume.cells),
                 ("fragments", i.volume.fragments),
                 ("fragments sorted per pixel", i.volume.sorted),

@@ -5,7 +5,7 @@
 
 use dashu_int::IBig;
 use dashu_int::ops::BitTest;
-use isobar_core::{DVec3, Ray};
+use isobar_core::{ClipPlane, DVec3, Ray};
 
 type V = [IBig; 3];
 
@@ -129,12 +129,57 @@ pub(crate) fn volume_sign(p: &[DVec3; 4]) -> i32 {
     sign(&dot(&cross(&e[0], &e[1]), &e[2]))
 }
 
-/// Where the linear function with `values` at the corners is c on the part of the ray with t >= 0 inside the closed cell.
-pub(crate) fn meet(ray: &Ray, corners: &[DVec3; 4], values: &[f64; 4], c: f64) -> Meeting {
+/// What clipping planes keep of a ray: from and to, exactly.
+struct Kept {
+    from: Ratio,
+    to: Option<Ratio>,
+}
+
+impl Kept {
+    /// `o`, `d`: the ray's origin and direction, and `one`: 1, in the same unit; `None` where nothing is kept.
+    fn new(clips: &[ClipPlane], o: &V, d: &V, one: &IBig) -> Option<Self> {
+        let (n, zero) = (IBig::ONE, IBig::ZERO);
+        let mut out = Self {
+            from: Ratio { n: zero, d: n },
+            to: None,
+        };
+        for clip in clips {
+            let [x, y, z] = clip.normal.to_array();
+            let [x, y, z, distance] = integers(&[x, y, z, clip.distance]).try_into().ok()?;
+            let normal = [x, y, z];
+            // Kept where rest - t rate >= 0.
+            let (rest, rate) = (distance * one - dot(&normal, o), dot(&normal, d));
+            match sign(&rate) {
+                0 if sign(&rest) < 0 => return None,
+                0 => {}
+                s => {
+                    let t = Ratio::new(rest, rate);
+                    if s < 0 {
+                        if out.from.less(&t) {
+                            out.from = t;
+                        }
+                    } else if out.to.as_ref().is_none_or(|u| t.less(u)) {
+                        out.to = Some(t);
+                    }
+                }
+            }
+        }
+        Some(out)
+    }
+
+    fn holds(&self, t: &Ratio) -> bool {
+        !t.less(&self.from) && self.to.as_ref().is_none_or(|to| !to.less(t))
+    }
+}
+
+/// Where the linear function with `values` at the corners is c on the part of the ray with t >= 0 inside the closed cell that the clipping planes keep, points on a plane
+/// included.
+pub(crate) fn meet(ray: &Ray, corners: &[DVec3; 4], values: &[f64; 4], c: f64, clips: &[ClipPlane]) -> Meeting {
     let all: Vec<f64> = [&ray.origin, &ray.direction]
         .into_iter()
         .chain(corners)
         .flat_map(|v| v.to_array())
+        .chain([1.0])
         .collect();
     let x = integers(&all);
     let v = |n: usize| -> V { std::array::from_fn(|i| x[3 * n + i].clone()) };
@@ -158,21 +203,20 @@ pub(crate) fn meet(ray: &Ray, corners: &[DVec3; 4], values: &[f64; 4], c: f64) -
         f1 += &g * &b;
         inside.push((a, b));
     }
+    let Some(kept) = Kept::new(clips, &o, &d, &x[18]) else {
+        return Meeting::None;
+    };
     if f1.is_zero() {
-        return if f0.is_zero() { stay(&inside) } else { Meeting::None };
+        return if f0.is_zero() { stay(&inside, kept) } else { Meeting::None };
     }
     let t = Ratio::new(-f0, f1);
-    let holds = sign(&t.n) >= 0 && inside.iter().all(|(a, b)| sign(&(a * &t.d + b * &t.n)) >= 0);
+    let holds = kept.holds(&t) && inside.iter().all(|(a, b)| sign(&(a * &t.d + b * &t.n)) >= 0);
     if holds { Meeting::At(t.f64()) } else { Meeting::None }
 }
 
-/// The stay of the ray in the closed cell.
-fn stay(inside: &[(IBig, IBig)]) -> Meeting {
-    let mut from = Ratio {
-        n: IBig::ZERO,
-        d: IBig::ONE,
-    };
-    let mut to: Option<Ratio> = None;
+/// The stay of the ray in the closed cell, as far as it is kept.
+fn stay(inside: &[(IBig, IBig)], kept: Kept) -> Meeting {
+    let Kept { mut from, mut to } = kept;
     for (a, b) in inside {
         match sign(b) {
             0 if sign(a) < 0 => return Meeting::None,
@@ -213,34 +257,56 @@ mod tests {
     fn the_unit_cell() {
         let s = [0.0, 0.0, 0.0, 1.0];
         let down = ray([0.25, 0.25, 2.0], [0.0, 0.0, -1.0]);
-        assert_eq!(meet(&down, &UNIT, &s, 0.25), Meeting::At(1.75));
-        assert_eq!(meet(&down, &UNIT, &s, 0.5), Meeting::At(1.5));
-        assert_eq!(meet(&down, &UNIT, &s, 0.75), Meeting::None);
+        assert_eq!(meet(&down, &UNIT, &s, 0.25, &[]), Meeting::At(1.75));
+        assert_eq!(meet(&down, &UNIT, &s, 0.5, &[]), Meeting::At(1.5));
+        assert_eq!(meet(&down, &UNIT, &s, 0.75, &[]), Meeting::None);
         // along an edge, through a corner, on the plane of a face, behind the origin
         assert_eq!(
-            meet(&ray([0.0, 0.0, 2.0], [0.0, 0.0, -2.0]), &UNIT, &s, 1.0),
+            meet(&ray([0.0, 0.0, 2.0], [0.0, 0.0, -2.0]), &UNIT, &s, 1.0, &[]),
             Meeting::At(0.5)
         );
         assert_eq!(
-            meet(&ray([0.0, 0.5, 2.0], [0.0, 0.0, -1.0]), &UNIT, &s, 0.0),
+            meet(&ray([0.0, 0.5, 2.0], [0.0, 0.0, -1.0]), &UNIT, &s, 0.0, &[]),
             Meeting::At(2.0)
         );
         assert_eq!(
-            meet(&ray([0.25, 0.25, 0.1], [0.0, 0.0, -1.0]), &UNIT, &s, 0.25),
+            meet(&ray([0.25, 0.25, 0.1], [0.0, 0.0, -1.0]), &UNIT, &s, 0.25, &[]),
             Meeting::None
         );
-        assert_eq!(meet(&down, &UNIT, &[3.0; 4], 3.0), Meeting::Stretch(1.5, 2.0));
+        assert_eq!(meet(&down, &UNIT, &[3.0; 4], 3.0, &[]), Meeting::Stretch(1.5, 2.0));
         assert_eq!(
-            meet(&ray([0.25, 0.25, 0.25], [0.0, 0.0, -1.0]), &UNIT, &[3.0; 4], 3.0),
+            meet(&ray([0.25, 0.25, 0.25], [0.0, 0.0, -1.0]), &UNIT, &[3.0; 4], 3.0, &[]),
             Meeting::Stretch(0.0, 0.25)
         );
-        assert_eq!(meet(&down, &UNIT, &[3.0; 4], 3.5), Meeting::None);
+        assert_eq!(meet(&down, &UNIT, &[3.0; 4], 3.5, &[]), Meeting::None);
+    }
+
+    /// hardcases E8 with a plane at z: a root on it is kept, one bit beyond is not; a stretch is cut.
+    #[test]
+    fn planes_are_decided_to_the_bit() {
+        let s = [0.0, 0.0, 0.0, 1.0];
+        let down = ray([0.25, 0.25, 2.0], [0.0, 0.0, -1.0]);
+        let at = |normal: DVec3, distance: f64, values: &[f64; 4], c: f64| {
+            let cap = false;
+            let clip = ClipPlane { normal, distance, cap };
+            meet(&down, &UNIT, values, c, &[clip])
+        };
+        assert_eq!(at(DVec3::Z, 0.25, &s, 0.25), Meeting::At(1.75));
+        assert_eq!(at(DVec3::Z, 0.25f64.next_down(), &s, 0.25), Meeting::None);
+        assert_eq!(at(-DVec3::Z * 3.0, -0.75, &s, 0.25), Meeting::At(1.75));
+        assert_eq!(at(-DVec3::Z * 3.0, (-0.75f64).next_down(), &s, 0.25), Meeting::None);
+        assert_eq!(at(DVec3::Z, 0.25, &[3.0; 4], 3.0), Meeting::Stretch(1.75, 2.0));
+        assert_eq!(at(-DVec3::Z, -0.25, &[3.0; 4], 3.0), Meeting::Stretch(1.5, 1.75));
+        assert_eq!(at(DVec3::Z, -0.25, &[3.0; 4], 3.0), Meeting::None);
+        // Along the ray: all or nothing.
+        assert_eq!(at(DVec3::X, 0.25, &s, 0.25), Meeting::At(1.75));
+        assert_eq!(at(DVec3::X, 0.25f64.next_down(), &s, 0.25), Meeting::None);
     }
 
     #[test]
     fn a_ray_one_bit_outside_misses() {
         let s = [0.0, 0.0, 0.0, 1.0];
-        let at = |x: f64| meet(&ray([x, 0.25, 2.0], [0.0, 0.0, -1.0]), &UNIT, &s, 0.0);
+        let at = |x: f64| meet(&ray([x, 0.25, 2.0], [0.0, 0.0, -1.0]), &UNIT, &s, 0.0, &[]);
         assert_eq!((at(0.0), at(-f64::MIN_POSITIVE)), (Meeting::At(2.0), Meeting::None));
         assert_eq!((at(0.75), at(0.75 + f64::EPSILON)), (Meeting::At(2.0), Meeting::None));
     }

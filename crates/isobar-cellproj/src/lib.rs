@@ -1,7 +1,7 @@
 //! Projected tetrahedra: S. Roettger, M. Kraus, T. Ertl, *Hardware-Accelerated Volume And Isosurface Rendering Based On Cell-Projection*, IEEE
 //! Visualization 2000.
 //!
-//! [`CELLPROJ_CPU_PAPER`] is the algorithm as printed. [`CELLPROJ_CPU`] projects the cells of a tetrahedral mesh to the image and finds in each pixel what the ray meets there. What
+//! [`CELLPROJ_CPU_PAPER`] is the algorithm as printed, `CELLPROJ_GPU` (feature `gpu`) draws on wgpu. [`CELLPROJ_CPU`] projects the cells of a tetrahedral mesh to the image and finds in each pixel what the ray meets there. What
 //! the paper does with textures and blending of graphics hardware is done here per fragment and without their limits: isosurfaces are exact hits.
 //!
 //! **Architecture invariants.** Rays are certified for the bits of `View::ray`. Frames do not depend on the number of threads. What f64 cannot
@@ -16,6 +16,8 @@ mod colour_tests;
 mod cpu;
 mod exact;
 mod exterior;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod measure;
 mod medium;
 mod mesh;
@@ -34,4 +36,6 @@ mod topology;
 mod volume;
 
 pub use cpu::{CELLPROJ_CPU, CellprojCpu};
-pub use paper::{CELLPROJ_CPU_PAPER, CellprojCpuPaper};
+#[cfg(feature = "gpu")]
+pub use gpu::{CELLPROJ_GPU, CellprojGpu};
+pub use paper::{CELLPROJ_CPU_PAPER, CellprojCpuPaper, TextureMap, TextureMaps};

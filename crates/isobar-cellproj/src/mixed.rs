@@ -1,6 +1,6 @@
 //! A medium in a mesh, with isosurfaces in it: preparation, visibility order and blocks of a frame.
 
-use crate::blocks::{Block, CellBins, SIDE};
+use crate::blocks::{AREA, Block, CellBins, SIDE};
 use crate::camera::Projection;
 use crate::cells::Screen;
 use crate::exterior;
@@ -9,16 +9,17 @@ use crate::medium::{Medium, Model};
 use crate::mesh::Cells;
 use crate::normals::Shading;
 use crate::order::Order;
-use crate::resolve::Resolver;
+use crate::resolve::{Resolver, Root};
 use crate::surfaces::{DrawTile, Gathered, Prepared, Work};
-use crate::tables::{Integrator, Table2, Table3};
+use crate::tables::{Integrator, LANES, Table2, Table3};
 use crate::topology::Topology;
 use crate::volume::{Crossing, Crossings, DrawBlock, Scene, VolumeWork, groups};
 use glam::Vec4;
-use isobar_core::{RenderError, Stop, TransferFunction, View, shade};
+use isobar_core::{Ray, RenderError, Stop, TransferFunction, View, shade};
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Level, Tile};
 use rayon::prelude::*;
+use std::time::{Duration, Instant};
 
 /// How fragments are integrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,8 +51,9 @@ pub(crate) struct Settings {
     pub(crate) sort: Sort,
 }
 
+/// Where fragments are looked up.
 #[derive(Debug)]
-enum Lookup {
+pub(crate) enum Lookup {
     Table3(Table3),
     Table2(Table2),
     Exact(Medium),
@@ -79,9 +81,9 @@ impl Volume {
 /// What depends on mesh and transfer function.
 #[derive(Debug)]
 pub(crate) struct Filled {
-    lookup: Lookup,
+    pub(crate) lookup: Lookup,
     /// Whether each cell changes the rays through it.
-    visible: Vec<bool>,
+    pub(crate) visible: Vec<bool>,
 }
 
 impl Filled {
@@ -138,6 +140,8 @@ pub(crate) struct Counts {
     pub(crate) cells_in_cycles: usize,
     /// Entries of blocks.
     pub(crate) entries: usize,
+    /// What the order took, relations across gaps included.
+    pub(crate) sorting: Duration,
 }
 
 #[derive(Debug)]
@@ -148,7 +152,7 @@ struct BlockImage {
 
 impl Image {
     /// Hits, patches and colour of pixel (x, y).
-    pub(crate) fn pixel(&self, x: usize, y: usize) -> (&[crate::resolve::Root], u32, [f32; 4]) {
+    pub(crate) fn pixel(&self, x: usize, y: usize) -> (&[Root], u32, [f32; 4]) {
         let block = &self.blocks[y / SIDE * self.columns + x / SIDE];
         let (roots, covered) = block.hits.pixel(x, y);
         (roots, covered, block.colour[y % SIDE * SIDE + x % SIDE])
@@ -171,26 +175,42 @@ pub(crate) struct Draw<'a> {
     pub(crate) stop: &'a Stop,
 }
 
+/// The points of a view on the screen and its cells front to back; to be called on the pool.
+pub(crate) fn arrange(mesh: &Cells, volume: &Volume, projection: Projection, sort: Sort) -> (Screen, Order, Counts) {
+    let screen = Screen::new(mesh, projection);
+    let mut counts = Counts::default();
+    let start = Instant::now();
+    let order = match sort {
+        Sort::Centroids => Order::centroids(mesh, &projection),
+        Sort::Visibility => {
+            let topology = &volume.topology;
+            let pairs = if topology.convex {
+                Vec::new()
+            } else {
+                exterior::pairs(mesh, topology, &screen)
+            };
+            counts.pairs = pairs.len();
+            Order::visibility(mesh, topology, &projection, &pairs)
+        }
+    };
+    counts.sorting = start.elapsed();
+    (counts.cycles, counts.cells_in_cycles) = (order.groups.len(), order.in_cycles());
+    (screen, order, counts)
+}
+
+/// The premultiplied colour of a hit and minus its opacity.
+pub(crate) fn hit_colour(surfaces: &Isovalues, shading: Shading<'_>, mesh: &Cells, ray: &Ray, root: &Root) -> Vec4 {
+    let surface = &surfaces.all()[usize::from(surfaces.surface(usize::from(root.isovalue)))];
+    let alpha = surface.opacity.clamp(0.0, 1.0);
+    let [r, g, b] = shade(surface.colour, shading.normal(mesh, ray, root), ray.direction).map(|c| c * alpha);
+    Vec4::new(r, g, b, -alpha)
+}
+
 impl Draw<'_> {
     /// Draws; to be called on the pool. `None` for lists of rays, which have no blocks.
     pub(crate) fn run(&self) -> Option<Image> {
         let projection = Projection::new(self.view)?;
-        let screen = Screen::new(self.mesh, projection);
-        let mut counts = Counts::default();
-        let order = match self.sort {
-            Sort::Centroids => Order::centroids(self.mesh, &projection),
-            Sort::Visibility => {
-                let topology = &self.volume.topology;
-                let pairs = if topology.convex {
-                    Vec::new()
-                } else {
-                    exterior::pairs(self.mesh, topology, &screen)
-                };
-                counts.pairs = pairs.len();
-                Order::visibility(self.mesh, topology, &projection, &pairs)
-            }
-        };
-        (counts.cycles, counts.cells_in_cycles) = (order.groups.len(), order.in_cycles());
+        let (screen, order, mut counts) = arrange(self.mesh, self.volume, projection, self.sort);
         let visible = &self.filled.visible;
         let bins = CellBins::new(self.mesh, &screen, &order.cells, |c| visible[c as usize]);
         counts.entries = bins.len();
@@ -263,7 +283,31 @@ impl Draw<'_> {
         Resolver {
             cells: self.mesh,
             isovalues: self.surfaces.values(),
+            clips: &self.view.clips,
         }
+    }
+
+    /// The keys between which clipping planes keep the rays of a block.
+    fn kept(&self, projection: &Projection, block: Block) -> Vec<[f64; 2]> {
+        if self.view.clips.is_empty() {
+            return Vec::new();
+        }
+        let rays = self.view.generator();
+        let forward = projection.rows[2];
+        let key = |depth: f64| if projection.perspective { 1.0 / depth } else { -depth };
+        (0..AREA + LANES)
+            .map(|i| {
+                let (x, y) = (block.x + i % SIDE, block.y + i / SIDE);
+                if i >= AREA || x >= self.view.width || y >= self.view.height {
+                    return [f64::NEG_INFINITY, f64::INFINITY];
+                }
+                let ray = rays.ray(x, y);
+                let along = forward.dot(ray.direction);
+                rays.kept(&ray).map_or([f64::NEG_INFINITY, f64::INFINITY], |(first, last)| {
+                    [key(first * along), key(last * along)]
+                })
+            })
+            .collect()
     }
 
     /// The surface hits of a block's pixels.
@@ -291,6 +335,7 @@ impl Draw<'_> {
         let mut out = Crossings {
             starts: vec![0; SIDE * SIDE + 1],
             all: Vec::new(),
+            kept: self.kept(&screen.projection, block),
         };
         if self.surfaces.values().is_empty() {
             return out;
@@ -309,13 +354,9 @@ impl Draw<'_> {
             }
             let ray = rays.ray(x, y);
             for root in roots {
-                let surface = &self.surfaces.all()[usize::from(self.surfaces.surface(usize::from(root.isovalue)))];
-                let alpha = surface.opacity.clamp(0.0, 1.0);
-                let [r, g, b] =
-                    shade(surface.colour, self.shading.normal(self.mesh, &ray, root), ray.direction).map(|c| c * alpha);
                 out.all.push(Crossing {
                     depth: root.t * forward.dot(ray.direction),
-                    colour: Vec4::new(r, g, b, -alpha),
+                    colour: hit_colour(self.surfaces, self.shading, self.mesh, &ray, root),
                 });
             }
         }

@@ -5,7 +5,7 @@ use crate::exact::{Meeting, meet};
 use crate::mesh::Cells;
 use crate::patch::Patch;
 use glam::DVec3;
-use isobar_core::Ray;
+use isobar_core::{ClipPlane, Ray};
 
 /// A root on a ray.
 #[derive(Debug, Clone, Copy)]
@@ -109,10 +109,37 @@ fn divide(n: f64, n_off: f64, d: f64, d_off: f64) -> (f64, f64) {
 pub(crate) struct Resolver<'a> {
     pub(crate) cells: &'a Cells,
     pub(crate) isovalues: &'a [f64],
+    /// What is beyond them does not count.
+    pub(crate) clips: &'a [ClipPlane],
+}
+
+/// Whether a plane certainly keeps a root; `None` where f64 cannot tell.
+///
+/// `normal . (origin + t direction) - distance` has seven terms, none rounded more than 12 times; [`UNIT`] is 512 units.
+fn keeps(clip: &ClipPlane, ray: &Ray, root: &Root) -> Option<bool> {
+    let n = clip.normal;
+    let beyond = n.dot(ray.origin) + root.t * n.dot(ray.direction) - clip.distance;
+    let sizes = n.abs().dot(ray.origin.abs()) + root.t * n.abs().dot(ray.direction.abs()) + clip.distance.abs();
+    let off = UNIT * sizes + root.error * n.abs().dot(ray.direction.abs()) * (1.0 + UNIT);
+    // Bounds that underflow or overflow say nothing.
+    (off > 1e-280 && beyond.abs() > off).then_some(beyond < 0.0)
 }
 
 impl Resolver<'_> {
-    /// The hit on a patch that the ray certainly meets; `None` where f64 cannot say where, or whether before the start of the ray.
+    /// Whether all planes keep a root; `None` where f64 cannot tell.
+    fn is_kept(&self, ray: &Ray, root: &Root) -> Option<bool> {
+        let mut all = Some(true);
+        for clip in self.clips {
+            match keeps(clip, ray, root) {
+                Some(true) => {}
+                Some(false) => return Some(false),
+                None => all = None,
+            }
+        }
+        all
+    }
+
+    /// The hit on a patch that the ray certainly meets, planes apart; `None` where f64 cannot say where, or whether before the start of the ray.
     #[inline(always)]
     pub(crate) fn sure(&self, ray: &Ray, patch: &Patch) -> Option<Root> {
         let (p, s) = (self.cells.corners(patch.cell), self.cells.values(patch.cell));
@@ -139,7 +166,7 @@ impl Resolver<'_> {
     #[cold]
     pub(crate) fn exact(&self, ray: &Ray, cell: u32, isovalue: u8) -> Option<Root> {
         let (p, s) = (self.cells.corners(cell), self.cells.values(cell));
-        let (t, end) = match meet(ray, &p, &s, self.isovalues[usize::from(isovalue)]) {
+        let (t, end) = match meet(ray, &p, &s, self.isovalues[usize::from(isovalue)], self.clips) {
             Meeting::None => return None,
             Meeting::At(t) => (t, None),
             Meeting::Stretch(t, end) => (t, Some(end)),
@@ -154,7 +181,7 @@ impl Resolver<'_> {
         })
     }
 
-    /// All roots on the patches a ray may meet (`certain`: it does), ascending, each once.
+    /// All roots on the patches a ray may meet (`certain`: it does) that the planes keep, ascending, each once.
     pub(crate) fn roots(&self, ray: &Ray, patches: impl Iterator<Item = (Patch, bool)>, out: &mut Vec<Root>) {
         out.clear();
         for (patch, certain) in patches {
@@ -164,7 +191,11 @@ impl Resolver<'_> {
             } else {
                 None
             };
-            out.extend(sure.or_else(|| self.exact(ray, patch.cell, patch.isovalue)));
+            match sure.map(|root| (root, self.is_kept(ray, &root))) {
+                Some((_, Some(false))) => {}
+                Some((root, Some(true))) => out.push(root),
+                _ => out.extend(self.exact(ray, patch.cell, patch.isovalue)),
+            }
         }
         out.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.cell.cmp(&b.cell)));
         if out.len() > 1 {

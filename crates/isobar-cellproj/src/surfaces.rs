@@ -308,7 +308,8 @@ impl<E: Emit> Kernel for DrawTile<'_, E> {
         match self.prepared {
             Prepared::Rays(tree) => self.rays(tree, &rays),
             Prepared::Image(image) => {
-                let nearest = self.nearest_only;
+                // With clipping planes the nearest hit need not be one that counts.
+                let nearest = self.nearest_only && self.resolver.clips.is_empty();
                 let mut work = Work::default();
                 // Flat images have tiles of other shapes.
                 let (tile, side) = (self.tile, TILE);

@@ -122,6 +122,18 @@ fn mix(a: Texel, b: Texel, w: f32) -> Texel {
     a + (b - a) * w
 }
 
+/// A table as a GPU has it: texels with (s_f, s_b, l) going fastest to slowest, value `from` at the first node and `per` nodes in a unit of value. `length`: nodes per world length, or
+/// in a 2D table 1 over the length it holds.
+#[derive(Debug, Clone, Copy)]
+#[cfg(feature = "gpu")]
+pub(crate) struct Parts<'a> {
+    pub(crate) texels: &'a [Texel],
+    pub(crate) from: f64,
+    pub(crate) per: f64,
+    pub(crate) nodes: usize,
+    pub(crate) length: f64,
+}
+
 /// The 3D table.
 #[derive(Debug)]
 pub(crate) struct Table3 {
@@ -144,6 +156,17 @@ impl Table3 {
             })
             .collect();
         Self { value, length, texels }
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(crate) fn parts(&self) -> Parts<'_> {
+        Parts {
+            texels: &self.texels,
+            from: self.value.from,
+            per: self.value.per,
+            nodes: self.value.nodes,
+            length: self.length.per,
+        }
     }
 
     pub(crate) fn bytes(&self) -> usize {
@@ -200,6 +223,17 @@ impl Table2 {
             value,
             per_length: (1.0 / average) as f32,
             texels,
+        }
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(crate) fn parts(&self) -> Parts<'_> {
+        Parts {
+            texels: &self.texels,
+            from: self.value.from,
+            per: self.value.per,
+            nodes: self.value.nodes,
+            length: f64::from(self.per_length),
         }
     }
 

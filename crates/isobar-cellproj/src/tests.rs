@@ -103,6 +103,52 @@ fn synthetic_meshes_from_outside_and_inside() {
     verify("gyroid", &synthetic("gyroid,n=24,as=tets"), &[0.2], &View::bench(97, 71));
 }
 
+/// Meshes put together without their constructor: one line each, and what was drawn before is kept.
+#[test]
+fn bad_meshes_are_refused() {
+    let points = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+    let good = TetMesh {
+        points: points.into(),
+        cells: [[0, 1, 2, 3]].into(),
+        values: [0.0, 1.0, 2.0, 3.0].into(),
+    };
+    let nan = [points[0], points[1], points[2], DVec3::new(0.0, f64::NAN, 1.0)];
+    let with = |f: &dyn Fn(&mut TetMesh)| {
+        let mut m = good.clone();
+        f(&mut m);
+        Arc::new(Data::Tets(m))
+    };
+    let bad = [
+        ("connectivity", with(&|m| m.cells = [[0, 1, 2, 4]].into())),
+        ("a point that is NaN", with(&|m| m.points = nan.into())),
+        ("a value that is NaN", with(&|m| m.values = [0.0, f32::NAN, 2.0, 3.0].into())),
+        ("values missing", with(&|m| m.values = [0.0, 1.0].into())),
+        ("no cells", with(&|m| m.cells = [].into())),
+        ("no volume", with(&|m| m.cells = [[0, 1, 2, 2]].into())),
+        ("a grid", synthetic("sphere,n=4")),
+    ];
+    let mut methods: Vec<&'static dyn Method> = vec![&CELLPROJ_CPU, &crate::CELLPROJ_CPU_PAPER];
+    #[cfg(feature = "gpu")]
+    if isobar_gpu::test_adapter("bad_meshes_are_refused").is_some() {
+        methods.push(&crate::CELLPROJ_GPU);
+    }
+    for m in methods.drain(..) {
+        let id = m.info().id;
+        let mut r = m.open(&Request::default()).unwrap();
+        r.set_data(&Arc::new(Data::Tets(good.clone()))).unwrap();
+        r.set_surfaces(&[Surface::isovalue(1.5, 0)]).unwrap();
+        r.set_view(&View::bench(16, 12)).unwrap();
+        for (what, data) in &bad {
+            let e = r.set_data(data).expect_err(what).to_string();
+            assert!(!e.is_empty() && !e.contains('\n'), "{id}, {what}: {e}");
+        }
+        r.render(&Stop::default()).unwrap();
+        let mut frame = Frame::default();
+        r.read(&mut frame).unwrap();
+        assert!(frame.t.iter().any(|t| t.is_finite()), "{id} still has its mesh");
+    }
+}
+
 /// Rays in faces, along edges and through corners of the mesh: the whole image is a coincidence.
 #[test]
 fn rays_along_the_lattice() {
@@ -169,6 +215,62 @@ fn plateaus_and_touching_cells() {
                 &orthographic(centre, centre + DVec3::X, 6.0, (13, 13)),
             );
         }
+    }
+}
+
+/// Planes through corners of the lattice, along rays and across them; and with more layers than one. Every pixel is decided.
+#[test]
+fn clipping_planes() {
+    let data = synthetic("marschner-lobb,n=20,as=tets");
+    let plane = |normal: DVec3, distance: f64| isobar_core::ClipPlane {
+        normal,
+        distance,
+        cap: false,
+    };
+    let views = [
+        View::bench(97, 71),
+        orthographic(DVec3::new(2.6, 1.9, 2.2), DVec3::ZERO, 2.6, (80, 60)),
+        orthographic(DVec3::new(0.1, 0.05, 0.2), DVec3::new(0.9, 0.4, 0.3), 1.6, (80, 60)),
+    ];
+    for mut view in views {
+        let middle = view.ray(40, 30);
+        let across = middle.direction.cross(DVec3::Z);
+        view.clips = vec![
+            plane(DVec3::new(1.0, 0.2, 0.1), 0.3),
+            plane(across, across.dot(middle.origin) + 0.4),
+        ];
+        let c = verify("planes", &data, &[0.5, 0.3], &view);
+        assert!(c.hits > 150, "{}", c.hits);
+        let list: Vec<Ray> = (0..97 * 3).map(|i| view.ray(i % 60, 20 + i / 60)).collect();
+        let rays = View {
+            clips: view.clips.clone(),
+            ..View::rays(list)
+        };
+        verify("rays", &data, &[0.5, 0.3], &rays);
+    }
+    // Planes that hold a face of the mesh, where the surface lies in it, and one that holds every ray.
+    let grid = |f: &dyn Fn([usize; 3]) -> f32| {
+        let n = 7;
+        let samples: Vec<f32> = (0..n * n * n).map(|i| f([i % n, i / n % n, i / n / n])).collect();
+        let grid = isobar_core::Grid::unit([n; 3], isobar_core::Samples::F32(samples.into())).unwrap();
+        Arc::new(Data::Tets(isobar_fields::grid_to_tets(&grid).unwrap()))
+    };
+    let floor = grid(&|[_, _, z]| z as f32);
+    let plateau = grid(&|[x, _, _]| if (2..=4).contains(&x) { 1.0 } else { x as f32 });
+    let centre = DVec3::splat(3.0);
+    for (data, isovalue, normal, distance) in [
+        (&floor, 3.0, DVec3::Z, 3.0),
+        (&floor, 3.0, -DVec3::Z, -3.0),
+        (&floor, 3.0, DVec3::Z, 3.0f64.next_down()),
+        (&floor, 3.0, DVec3::Y, 3.0),
+        (&plateau, 1.0, DVec3::X, 3.5),
+        (&plateau, 1.0, -DVec3::X, -3.5),
+    ] {
+        let mut view = orthographic(centre + DVec3::new(9.0, 0.0, 3.0), centre, 6.0, (13, 13));
+        view.clips = vec![plane(normal, distance)];
+        let c = verify("in the surface", data, &[isovalue], &view);
+        let nothing = distance < 3.0 && normal == DVec3::Z;
+        assert_eq!(c.hits == 0, nothing, "{normal} {distance}: {} hits", c.hits);
     }
 }
 

@@ -34,6 +34,8 @@ pub(crate) struct Crossings {
     /// Where each pixel's begin, and the end.
     pub(crate) starts: Vec<u32>,
     pub(crate) all: Vec<Crossing>,
+    /// Greatest and least key that clipping planes keep, by pixel; empty without planes. Lanes may reach beyond the last pixel.
+    pub(crate) kept: Vec<[f64; 2]>,
 }
 
 /// Work of a block.
@@ -195,6 +197,22 @@ impl Hull {
         }
     }
 
+    /// Ends the stays where planes do.
+    #[cold]
+    #[inline(never)]
+    fn cut(&mut self, kept: &[[f64; 2]]) {
+        for (i, [near, far]) in kept.iter().enumerate().take(LANES) {
+            self.entry[i] = self.entry[i].min(*near);
+            self.exit[i] = self.exit[i].max(*far);
+            if self.covered >> i & 1 != 0 {
+                self.width[i] = self.entry[i] - self.exit[i];
+            }
+            if self.width[i].is_nan() || self.width[i] <= 0.0 {
+                self.covered &= !(1 << i);
+            }
+        }
+    }
+
     fn lanes(&self) -> impl Iterator<Item = usize> + use<> {
         let covered = self.covered;
         (0..LANES).filter(move |i| covered >> i & 1 != 0)
@@ -314,7 +332,10 @@ impl Canvas {
             let mut x = from;
             while x < to.wrapping_add(1) {
                 let first = self.corner[0] + x as f64;
-                let hull = Hull::new(perspective, &c, &row, first, to - x);
+                let mut hull = Hull::new(perspective, &c, &row, first, to - x);
+                if !job.crossings.kept.is_empty() {
+                    hull.cut(&job.crossings.kept[y * SIDE + x..]);
+                }
                 if hull.covered != 0 {
                     let run = Run::new(perspective, &c, &row, first, &hull);
                     let at = y * SIDE + x;

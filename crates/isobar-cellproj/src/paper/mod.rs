@@ -14,6 +14,7 @@
 
 mod draw;
 mod fan;
+mod maps;
 mod scene;
 mod settings;
 #[cfg(test)]
@@ -29,6 +30,8 @@ use crate::mesh::Cells;
 use crate::normals::at_points;
 use crate::resolve::Gradient;
 use crate::topology::Topology;
+pub use maps::{TextureMap, TextureMaps};
+
 use draw::{DrawBlock, Nearest, Pass, Scene as DrawScene, Work, passes};
 use glam::{Vec3, Vec4};
 use isobar_core::{

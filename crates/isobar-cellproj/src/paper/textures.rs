@@ -37,6 +37,10 @@ impl Axis {
         }
     }
 
+    pub(crate) fn nodes(self) -> usize {
+        self.nodes
+    }
+
     /// The width of a texel.
     pub(crate) fn texel(self) -> f64 {
         if self.per == 0.0 { 0.0 } else { 1.0 / self.per }
@@ -164,6 +168,16 @@ impl Isosurfaces {
             Vec4::ZERO
         };
         ([front + behind, back, front], mark)
+    }
+
+    /// Texels along a side, and those of the single pass (0), the back faces (1) or the front faces (2).
+    pub(crate) fn map(&self, pass: usize) -> (usize, &[Vec4]) {
+        let texels = match pass {
+            0 => &self.flat,
+            1 => &self.back,
+            _ => &self.front,
+        };
+        (self.axis.nodes, texels)
     }
 
     fn at(&self, front: f64, back: f64) -> usize {
