@@ -16,8 +16,8 @@ use std::path::PathBuf;
     name = "isobar",
     version,
     disable_help_subcommand = true,
-    after_help = "DATA is a file (NRRD, NIfTI, VTI, legacy VTK, Open SciVis raw) or synthetic:NAME[,n=64][,as=grid|algebraic|tets|hexes]\n\
-                  [,key=value...], such as synthetic:gyroid,n=128.\n\
+    after_help = "DATA is a file (NRRD, NIfTI, VTI, legacy VTK, Open SciVis raw; meshes and elements) or synthetic:NAME[,n=64]\n\
+                  [,as=grid|algebraic|tets|hexes][,key=value...], such as synthetic:gyroid,n=128. FILE,as=hexes reads hexahedra, PLOT3D and grids as elements.\n\
                   Exit status: 0 done, 1 answered no (check), 2 unusable input or arguments, 130 interrupted.\n\
                   Certified truth is kept under $ISOBAR_CACHE, else target/isobar-truth of the workspace, else the user's cache folder."
 )]
@@ -53,7 +53,7 @@ pub struct MethodsArgs {
 /// Which data.
 #[derive(Debug, Clone, Args)]
 pub struct DataFlags {
-    /// A file, or synthetic:NAME with keys such as n=64 and as=grid, algebraic, tets or hexes, separated by commas
+    /// A file (FILE,as=hexes: hexahedra and grids as elements), or synthetic:NAME with keys such as n=64 and as=grid, algebraic, tets or hexes, separated by commas
     #[arg(value_name = "DATA")]
     pub data: String,
     /// Which field of the file to read [default: the first scalar]
@@ -95,6 +95,23 @@ pub struct DrawFlags {
     pub threads: usize,
 }
 
+/// Surfaces of elements that are no isosurfaces; they come after the isovalues in the order of the frame's surface index.
+#[derive(Debug, Clone, Default, Args)]
+pub struct MoreSurfaces {
+    /// Where a parameter of each element has a value from 0 to 1, with opacity and colour if wanted (nurbs/cpu)
+    #[arg(long, value_name = "u|v|w=VALUE[:OPACITY[:#RRGGBB]][,...]")]
+    pub parameter: Vec<String>,
+    /// The boundary of the domain: faces of one element only, with opacity and colour if wanted (nurbs/cpu)
+    #[arg(
+        long,
+        value_name = "OPACITY[:#RRGGBB]",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "1"
+    )]
+    pub boundary: Option<String>,
+}
+
 /// Flags of `render`.
 #[derive(Debug, Clone, Args)]
 pub struct RenderArgs {
@@ -109,9 +126,12 @@ pub struct RenderArgs {
         long,
         value_name = "C[:OPACITY[:#RRGGBB]][,...]",
         allow_hyphen_values = true,
-        required_unless_present = "tf"
+        required_unless_present_any = ["tf", "parameter", "boundary"]
     )]
     pub isovalue: Vec<String>,
+    /// Other surfaces of elements.
+    #[command(flatten)]
+    pub more: MoreSurfaces,
     /// Threads and knobs.
     #[command(flatten)]
     pub draw: DrawFlags,
@@ -154,8 +174,11 @@ pub struct CheckArgs {
     #[arg(long, value_name = "ID")]
     pub method: String,
     /// Isovalues in data units
-    #[arg(long, value_name = "C[,...]", allow_hyphen_values = true, required_unless_present = "tf")]
+    #[arg(long, value_name = "C[,...]", allow_hyphen_values = true, required_unless_present_any = ["tf", "parameter", "boundary"])]
     pub isovalue: Vec<String>,
+    /// Other surfaces of elements.
+    #[command(flatten)]
+    pub more: MoreSurfaces,
     /// Threads and knobs.
     #[command(flatten)]
     pub draw: DrawFlags,
@@ -391,6 +414,8 @@ mod tests {
              --threads 1 --field f --tf t.toml --clip -1,0,0,0.5 --cap --mesh m.off --nan -1 -o a.png -o b.exr -o c.npz --stats s.json",
             "render a --method m --isovalue 1 --eye -1,2,3 --target 0,0,0 --up 0,0,1 --ortho 2",
             "render a --method m --tf t.toml",
+            "render a.vtu,as=hexes --method nurbs/cpu --parameter u=0.5,w=1:0.5 --boundary -o a.png",
+            "check a --method nurbs/cpu --boundary=0.25:#ffffff --strict",
             "check a --method m --isovalue 1 --view bench --strict --json out.json",
             "check a --method m --isovalue 1 --rays 1000 --seed 7",
             "compare a --isovalue 0.5 --methods a,b --max-error 0.01 -o dir",

@@ -40,9 +40,14 @@ pub fn methods() -> Vec<&'static dyn Method> {
         #[cfg(feature = "gpu")]
         &isobar_tetspline::TETSPLINE_GPU,
         &isobar_cellproj::CELLPROJ_CPU,
+        &isobar_cellproj::CELLPROJ_CPU_PAPER,
+        #[cfg(feature = "gpu")]
+        &isobar_cellproj::CELLPROJ_GPU,
         &isobar_nurbs::NURBS_CPU,
         &isobar_peaks::PEAKS_CPU,
         &isobar_peaks::PEAKS_CPU_PAPER,
+        #[cfg(feature = "gpu")]
+        &isobar_peaks::PEAKS_GPU,
     ]
 }
 

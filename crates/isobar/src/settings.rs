@@ -1,7 +1,9 @@
 //! Settings, numbers and views as text and JSON.
 
 use anyhow::{Result, anyhow, bail};
-use isobar_core::{Camera, DVec3, KnobKind, KnobSpec, KnobValue, Knobs, Method, RenderError, ResolvedKnobs, Surface, View};
+use isobar_core::{
+    Camera, DVec3, KnobKind, KnobSpec, KnobValue, Knobs, Method, RenderError, ResolvedKnobs, Surface, SurfaceKind, View,
+};
 use serde_json::{Map, Value, json};
 
 /// Reads `knob=value,...`, each given to `--set`.
@@ -155,7 +157,15 @@ pub fn view_json(view: &View) -> Value {
 pub fn surfaces_json(surfaces: &[Surface]) -> Value {
     surfaces
         .iter()
-        .map(|s| json!({"isovalue": s.value(), "opacity": s.opacity, "colour": s.colour}))
+        .map(|s| {
+            let mut out = json!({"isovalue": s.value(), "opacity": s.opacity, "colour": s.colour});
+            match s.kind {
+                SurfaceKind::Parameter { axis, value } => out["parameter"] = json!({"axis": axis, "value": value}),
+                SurfaceKind::Boundary => out["boundary"] = json!(true),
+                _ => {}
+            }
+            out
+        })
         .collect()
 }
 

@@ -57,8 +57,24 @@ pub fn open(spec: &str, options: &Options) -> Result<Source> {
         let name = field.function.name();
         return Ok(source(data, Some(field), name.clone(), vec![name], vec![]));
     }
-    let loaded = isobar_io::load(Path::new(spec), options).map_err(|e| anyhow!("{e}"))?;
+    let (path, options) = file(spec, options)?;
+    let loaded = isobar_io::load(Path::new(path), &options).map_err(|e| anyhow!("{e}"))?;
     Ok(source(loaded.data, None, loaded.field, loaded.fields, loaded.notes))
+}
+
+/// The path of `FILE[,as=hexes]` and how it is read. A file of that very name is taken as it is.
+fn file<'a>(spec: &'a str, options: &Options) -> Result<(&'a str, Options)> {
+    let mut options = options.clone();
+    let asked = spec.rsplit_once(",as=").filter(|_| !Path::new(spec).exists());
+    let Some((path, form)) = asked else {
+        return Ok((spec, options));
+    };
+    ensure!(
+        form == "hexes",
+        "DATA {spec}: as={form} is not known of files; write as=hexes for elements, or leave it out"
+    );
+    options.as_hexes = true;
+    Ok((path, options))
 }
 
 impl Source {
@@ -254,6 +270,24 @@ mod tests {
         assert_eq!((s.data.kind(), s.dims(), s.cells()), ("grid", Some([16; 3]), 3375));
         assert_eq!(suggested_isovalues(&s, &s.summary())[0], 1.0);
         assert!(s.require_finite().is_ok());
+    }
+
+    #[test]
+    fn files_are_read_as_elements_where_asked() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.vtk");
+        std::fs::write(
+            &path,
+            "# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 3 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\n\
+             POINT_DATA 12\nSCALARS s float 1\nLOOKUP_TABLE default\n0 1 2 3 4 5 6 7 8 9 10 11\n",
+        )
+        .unwrap();
+        let name = path.display();
+        assert_eq!(open(&format!("{name}")).unwrap().data.kind(), "grid");
+        let s = open(&format!("{name},as=hexes")).unwrap();
+        assert_eq!((s.data.kind(), s.cells(), s.summary().range), ("hexes", 2, Some((0.0, 11.0))));
+        let e = open(&format!("{name},as=tets")).unwrap_err().to_string();
+        assert!(e.contains("as=tets") && e.contains("as=hexes"), "{e}");
     }
 
     #[test]

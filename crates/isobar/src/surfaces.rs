@@ -1,12 +1,75 @@
 //! Isovalues with colour and opacity, and transfer functions.
 
+use crate::cli::MoreSurfaces;
 use anyhow::{Context, Result, bail, ensure};
-use isobar_core::{Surface, TransferFunction};
+use isobar_core::{Surface, SurfaceKind, TransferFunction};
 use serde::Deserialize;
 use std::path::Path;
 
 /// Most surfaces a scene may have: the frame's index has 8 bits, 255 means none, and one index is left for a mesh.
 pub const MAX_SURFACES: usize = 254;
+
+/// All surfaces of a scene: the isovalues, then the values of parameters, then the boundary.
+///
+/// # Errors
+/// As [`parse_isovalues`]; for `--parameter` and `--boundary` too.
+pub fn parse<S: AsRef<str>>(isovalues: &[S], more: &MoreSurfaces) -> Result<Vec<Surface>> {
+    let mut out = parse_isovalues(isovalues)?;
+    for text in more.parameter.iter().flat_map(|s| s.split(',')) {
+        let (place, look) = text.trim().split_once(':').unwrap_or((text.trim(), ""));
+        let (axis, value) = place.split_once('=').unwrap_or((place, ""));
+        let axis = ["u", "v", "w"].iter().position(|a| *a == axis);
+        let value = value.parse::<f64>().ok().filter(|v| (0.0..=1.0).contains(v));
+        let (Some(axis), Some(value)) = (axis, value) else {
+            bail!(
+                "--parameter {text}: \"{place}\" is not u, v or w = a number from 0 to 1; write u=0.5[:opacity[:#rrggbb]][,...]"
+            );
+        };
+        let kind = SurfaceKind::Parameter { axis: axis as u8, value };
+        out.push(styled(
+            "--parameter",
+            text,
+            look,
+            Surface {
+                kind,
+                ..Surface::isovalue(0.0, out.len())
+            },
+        )?);
+    }
+    if let Some(look) = &more.boundary {
+        let kind = SurfaceKind::Boundary;
+        out.push(styled(
+            "--boundary",
+            look,
+            look,
+            Surface {
+                kind,
+                ..Surface::isovalue(0.0, out.len())
+            },
+        )?);
+    }
+    ensure!(
+        out.len() <= MAX_SURFACES,
+        "--parameter: more than {MAX_SURFACES} surfaces; draw them in several images"
+    );
+    Ok(out)
+}
+
+/// With the opacity and colour of `opacity[:#rrggbb]`.
+fn styled(flag: &str, text: &str, look: &str, mut surface: Surface) -> Result<Surface> {
+    let (opacity, colour) = look.split_once(':').map_or((look, None), |(o, c)| (o, Some(c)));
+    if !opacity.is_empty() {
+        surface.opacity = match opacity.parse::<f32>() {
+            Ok(v) if (0.0..=1.0).contains(&v) => v,
+            _ => bail!("{flag} {text}: opacity \"{opacity}\" is not a number from 0 to 1"),
+        };
+    }
+    if let Some(colour) = colour {
+        surface.colour = parse_colour(colour)
+            .with_context(|| format!("{flag} {text}: colour \"{colour}\" is not #rrggbb; write six hexadecimal digits"))?;
+    }
+    Ok(surface)
+}
 
 /// Reads `C[:opacity[:#rrggbb]][,...]`, each given to `--isovalue`. The colour is sRGB and is stored linear; without one the
 /// surface has the default colour of its position. An empty opacity is 1.
@@ -16,24 +79,11 @@ pub const MAX_SURFACES: usize = 254;
 pub fn parse_isovalues<S: AsRef<str>>(given: &[S]) -> Result<Vec<Surface>> {
     let mut out = Vec::new();
     for text in given.iter().flat_map(|s| s.as_ref().split(',')) {
-        let mut parts = text.trim().splitn(3, ':');
-        let value = parts.next().unwrap_or_default();
+        let (value, look) = text.trim().split_once(':').unwrap_or((text.trim(), ""));
         let Some(c) = value.parse::<f64>().ok().filter(|c| c.is_finite()) else {
             bail!("--isovalue {text}: \"{value}\" is not a finite number; write C[:opacity[:#rrggbb]][,...]");
         };
-        let mut surface = Surface::isovalue(c, out.len());
-        if let Some(o) = parts.next().filter(|o| !o.is_empty()) {
-            surface.opacity = match o.parse::<f32>() {
-                Ok(v) if (0.0..=1.0).contains(&v) => v,
-                _ => bail!("--isovalue {text}: opacity \"{o}\" is not a number from 0 to 1"),
-            };
-        }
-        if let Some(colour) = parts.next() {
-            surface.colour = parse_colour(colour).with_context(|| {
-                format!("--isovalue {text}: colour \"{colour}\" is not #rrggbb; write six hexadecimal digits")
-            })?;
-        }
-        out.push(surface);
+        out.push(styled("--isovalue", text, look, Surface::isovalue(c, out.len()))?);
         ensure!(
             out.len() <= MAX_SURFACES,
             "--isovalue: more than {MAX_SURFACES} surfaces; draw them in several images"
@@ -143,6 +193,27 @@ mod tests {
             assert!(e.starts_with("--isovalue") && !e.contains('\n'), "{bad}: {e}");
         }
         assert!(parse_isovalues(&vec!["1"; 255]).is_err());
+    }
+
+    #[test]
+    fn parameters_and_the_boundary_follow_the_isovalues() {
+        let more = |p: &str, b: Option<&str>| MoreSurfaces {
+            parameter: vec![p.to_owned()],
+            boundary: b.map(str::to_owned),
+        };
+        let s = parse(&["1"], &more("u=0.5,w=1:0.25:#ff0000", Some("0.3"))).unwrap();
+        assert_eq!(s.len(), 4);
+        assert_eq!(s[1].kind, SurfaceKind::Parameter { axis: 0, value: 0.5 });
+        assert_eq!(s[2].kind, SurfaceKind::Parameter { axis: 2, value: 1.0 });
+        assert_eq!((s[2].opacity, s[2].colour[0], s[2].colour[1]), (0.25, 1.0, 0.0));
+        assert_eq!((s[3].kind, s[3].opacity), (SurfaceKind::Boundary, 0.3));
+        assert_eq!(s[3].colour, Surface::COLOURS[3 % Surface::COLOURS.len()]);
+        for bad in ["x=0.5", "u", "u=1.5", "u=nan", "u=0.5:2", "u=0.5:1:red", ""] {
+            let e = parse::<&str>(&[], &more(bad, None)).unwrap_err().to_string();
+            assert!(e.starts_with("--parameter") && !e.contains('\n'), "{bad}: {e}");
+        }
+        let e = parse::<&str>(&[], &more("u=0", Some("x"))).unwrap_err().to_string();
+        assert!(e.starts_with("--boundary"), "{e}");
     }
 
     #[test]

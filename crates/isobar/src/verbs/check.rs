@@ -30,7 +30,7 @@ pub fn run(args: &CheckArgs) -> Result<Answer> {
         "--method {}: it gives colour only, so there is no t to check; see isobar methods",
         args.method
     );
-    let surfaces = surfaces::parse_isovalues(&args.isovalue)?;
+    let surfaces = surfaces::parse(&args.isovalue, &args.more)?;
     let knobs = settings::parse_knobs(&args.draw.set)?;
     settings::resolve(method, &knobs)?;
     args.view.validate()?;

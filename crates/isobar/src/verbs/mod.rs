@@ -23,6 +23,7 @@ pub fn open(flags: &DataFlags) -> Result<(Source, f64)> {
         field: flags.field.clone(),
         nan,
         cell_to_point: flags.cell_to_point,
+        as_hexes: false,
     };
     let start = Instant::now();
     let source = progress::watch(&format!("reading {}", flags.data), &Stop::default(), || {

@@ -68,7 +68,7 @@ struct Plan {
 impl Plan {
     fn new(args: &RenderArgs) -> Result<Self> {
         let method = crate::method(&args.method)?;
-        let surfaces = surfaces::parse_isovalues(&args.isovalue)?;
+        let surfaces = surfaces::parse(&args.isovalue, &args.more)?;
         let knobs = settings::parse_knobs(&args.draw.set)?;
         settings::resolve(method, &knobs)?;
         args.view.validate()?;
