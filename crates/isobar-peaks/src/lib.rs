@@ -28,7 +28,6 @@
 //! # }
 //! ```
 
-mod clip;
 mod crossings;
 mod exact;
 mod filter;
