@@ -2,14 +2,16 @@
 //!
 //! A method on the CPU opens a [`Pool`], hands [`render_tiles`] a closure that draws one [`Tile`], and pushes each ray's hits front to
 //! back into a [`PixelSink`]; colour, layers and the number of hits follow from that. Inside the closure a kernel may be run at the
-//! best instruction set of the machine through [`Level::run`].
+//! best instruction set of the machine through [`Level::run`], or the rays of a tile may travel together ([`packet`]).
 //!
 //! **Architecture invariants.** No allocation per ray: channels are written in place. The frame does not depend on the number of
 //! threads, because a tile depends on nothing but the scene. No method and no reconstruction is known here.
 
 mod blend;
+pub mod clip;
 mod level;
 mod memory;
+pub mod packet;
 mod pool;
 pub mod scene;
 mod tiles;

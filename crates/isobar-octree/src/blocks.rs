@@ -4,9 +4,9 @@
 //! box, those that meet no candidate voxel, and those that work on a polynomial. Here these are counted from a frame of `octree/cpu`, whose channel WORK
 //! holds the active cells on each ray: packets launch tiles in the same rectangle. Blocks are those of the image's own grid (the thesis's begin at the rectangle's corner).
 
-use crate::packet_view::Projection;
 use crate::walk::{Entry, Space, Walk};
 use isobar_core::{Channels, Domain, Frame, RenderError, View};
+use isobar_cpu::packet::Projection;
 
 /// The furthest that any ray of a block got.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -79,7 +79,7 @@ impl Blocks {
             return bad("blocks are classed by the channels T and WORK; ask for both when rendering");
         }
         let space = Space::new(*domain);
-        let Some(projection) = Projection::new(view, &space) else {
+        let Some(projection) = Projection::new(view, &space.domain) else {
             return bad("a list of rays has no blocks of pixels; give a camera");
         };
         let launched = rectangle(&projection, &space, view);
@@ -150,7 +150,7 @@ impl Blocks {
     }
 }
 
-/// The pixels whose rays may meet the volume, as packets have them (`packet::Place::misses`).
+/// The pixels whose rays may meet the volume, as packets have them (`isobar_cpu::packet::Place::misses`).
 fn rectangle(projection: &Projection, space: &Space, view: &View) -> Option<[[usize; 2]; 2]> {
     let whole = [[0.0, (view.width - 1) as f64], [0.0, (view.height - 1) as f64]];
     // Where the box is not wholly in front of the eye, all pixels.

@@ -25,7 +25,6 @@
 pub mod blocks;
 mod bricks;
 mod cell;
-mod clip;
 pub mod comparators;
 pub mod compose;
 mod cpu;
@@ -35,9 +34,8 @@ pub mod finders;
 mod gpu;
 mod packet;
 mod packet_cells;
-mod packet_finish;
-mod packet_lanes;
-mod packet_view;
+#[cfg(test)]
+mod packet_tests;
 #[cfg(test)]
 mod proofs;
 mod smooth;

@@ -7,19 +7,16 @@
 
 use crate::bricks::{Active, Bricks};
 use crate::cpu::INFO;
-use crate::packet::{self, Packet, Place, RaySet, with_packet};
-use crate::packet_cells::{Cells, Crossing, LinearCells};
-use crate::packet_lanes::{self, Lanes};
-use crate::packet_view::Projection;
+use crate::packet::{self, Drawn, Packet, with_packet};
 use crate::smooth::{self, Smooth};
 use crate::trilinear::{DrawTile, MARGIN, SingleRays};
 use crate::walk::{Bounds, Search, Space, Work};
 use isobar_core::{Channels, DataError, Frame, Grid, RenderError, Request, Samples, Stage, Stop, Surface, View};
+use isobar_cpu::packet::{Cells, Crossing, Lanes, Projection, RaySet, Rays, Wanted, WithLanes, run as lanes};
 use isobar_cpu::scene::{Isovalues, check_open_cuts};
-use isobar_cpu::{Kernel, Level, Pool, render_tiles};
+use isobar_cpu::{Level, Pool, TileOut, render_tiles};
 use isobar_fields::{GridSpline, Kind};
 use std::hint::black_box;
-use std::marker::PhantomData;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -191,53 +188,17 @@ impl Job<'_> {
     }
 }
 
-/// A tile that packets draw, as its clocks see it.
-pub(crate) trait Clocked {
-    type Cells<'c>: Cells
-    where
-        Self: 'c;
-    /// The cells for a packet that has been started.
-    fn to_cross(&self, p: &Packet) -> Self::Cells<'_>;
-    /// Solves all hits and keeps nothing.
-    fn solve<S: Lanes>(&self, p: &Packet);
-    /// Writes all pixels but those of rays to be walked alone.
-    fn store<S: Lanes>(&mut self, p: &mut Packet, place: &Place<'_>);
-}
-
-impl<'a> Clocked for DrawTile<'a, '_, f32> {
-    type Cells<'c>
-        = LinearCells<'a, 'c, f32>
-    where
-        Self: 'c;
-
-    #[inline(always)]
-    fn to_cross(&self, p: &Packet) -> LinearCells<'a, '_, f32> {
-        self.cells(p, false)
-    }
-
-    #[inline(always)]
-    fn solve<S: Lanes>(&self, p: &Packet) {
-        self.roots::<S>(p);
-    }
-
-    #[inline(always)]
-    fn store<S: Lanes>(&mut self, p: &mut Packet, place: &Place<'_>) {
-        self.finish::<S>(p);
-        place.finish_empty(self.out, &p.empty(place), None);
-    }
-}
-
 /// A tile of degree 1, as `trilinear::draw` draws it.
-fn linear(level: Level, mut tile: DrawTile<'_, '_, f32>) -> Laps {
+fn linear(level: Level, tile: DrawTile<'_, '_, f32>) -> Laps {
     let mut laps = Laps::default();
     let clock = Instant::now();
     let mut rays = None;
-    if packet::applies(tile.tile, tile.surfaces, tile.out)
-        && let Some(view) = Projection::new(tile.view, tile.space)
+    if packet::applies(tile.tile, tile.surfaces)
+        && let Some(view) = Projection::new(tile.view, &tile.space.domain)
     {
-        let place = packet::place(&tile);
+        let together = tile.together();
         laps.setup += clock.elapsed();
-        rays = Some(clocked(level, &mut tile, &place, &view, &mut laps));
+        rays = Some(clocked(level, &together, &view, &mut *tile.out, &mut laps));
     }
     let clock = Instant::now();
     if rays.is_none_or(|r| r.iter().any(|&b| b != 0)) {
@@ -247,114 +208,111 @@ fn linear(level: Level, mut tile: DrawTile<'_, '_, f32>) -> Laps {
     laps
 }
 
-/// Draws what packets can, by the vectors of the level; gives the rays that are left.
-fn clocked<W: Clocked>(level: Level, what: &mut W, place: &Place<'_>, view: &Projection, laps: &mut Laps) -> RaySet {
+/// As `packet::draw`, with clocks; gives the rays that are left.
+pub(crate) fn clocked<W: Drawn>(level: Level, what: &W, view: &Projection, out: &mut TileOut<'_>, laps: &mut Laps) -> RaySet {
     with_packet(|packet| {
-        macro_rules! run {
-            ($run:path, $lanes:ty) => {
-                $run(Run::<$lanes, W> {
-                    what,
-                    packet,
-                    place,
-                    view,
-                    laps,
-                    lanes: PhantomData,
-                })
-            };
-        }
-        // `level` is one this machine has, and `run` compiles for its features.
-        match level {
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => run!(Level::run_avx512, packet_lanes::Avx512),
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => run!(Level::run_avx2, packet_lanes::Avx2),
-            _ => run!(Kernel::run, packet_lanes::Plain),
-        }
+        let run = Run {
+            what,
+            packet,
+            view,
+            out,
+            laps,
+        };
+        lanes(level, run)
     })
 }
 
 /// One tile with its clocks.
-pub(crate) struct Run<'k, S, W> {
-    pub(crate) what: &'k mut W,
-    pub(crate) packet: &'k mut Packet,
-    pub(crate) place: &'k Place<'k>,
-    pub(crate) view: &'k Projection,
-    pub(crate) laps: &'k mut Laps,
-    pub(crate) lanes: PhantomData<S>,
+struct Run<'k, 'o, W> {
+    what: &'k W,
+    packet: &'k mut Packet,
+    view: &'k Projection,
+    out: &'k mut TileOut<'o>,
+    laps: &'k mut Laps,
 }
 
-impl<S: Lanes, W: Clocked> Kernel for Run<'_, S, W> {
+impl<W: Drawn> WithLanes for Run<'_, '_, W> {
     type Output = RaySet;
 
     #[inline(always)]
-    fn run(self) -> RaySet {
+    fn run<S: Lanes>(self) -> RaySet {
         let Self {
             what,
             packet: p,
-            place,
             view,
+            out,
             laps,
-            ..
         } = self;
+        let (place, surfaces) = (what.place(), what.surfaces());
+        let wanted = Wanted::new(out, surfaces);
         let clock = Instant::now();
         let misses = place.misses(view);
-        let frustum = if misses { None } else { p.start::<S>(place, false) };
+        let frustum = if misses {
+            p.forget();
+            None
+        } else {
+            p.start::<S, _>(place, wanted, false)
+        };
         laps.setup += clock.elapsed();
         let Some(frustum) = frustum else {
             if !misses {
                 return place.rays();
             }
-            p.forget();
             let clock = Instant::now();
-            what.store::<S>(p, place);
+            p.write(place, surfaces, out, what.claims(), false);
             laps.finish += clock.elapsed();
-            return p.single;
+            return p.rays.single;
         };
-        let mut work = Work::default();
         let mut log = Log::default();
         let mut way = Duration::ZERO;
         let mut solved = Duration::ZERO;
-        if p.blocks != 0 {
-            let crossing = Crossing::new(p, place, view);
+        let mut finish = Duration::ZERO;
+        if p.rays.blocks != 0 {
+            let crossing = Crossing::new(&p.rays, place, view);
             let clock = Instant::now();
             let mut cells = Marked {
-                cells: what.to_cross(p),
+                cells: what.cells(p, false),
                 mode: Mode::Run,
                 log: &mut log,
             };
-            crossing.cross::<S, _>(&mut cells, p, &frustum, &mut work);
+            black_box(crossing.cross::<S, _>(&mut cells, &frustum));
             way = clock.elapsed();
+            drop(cells);
+            let clock = Instant::now();
+            what.roots::<S>(p);
+            solved = clock.elapsed();
             let clock = Instant::now();
             what.solve::<S>(p);
-            solved = clock.elapsed();
+            finish = clock.elapsed();
         }
         let clock = Instant::now();
-        what.store::<S>(p, place);
-        let stored = clock.elapsed();
-        let left = p.single;
+        p.write(place, surfaces, out, what.claims(), false);
+        finish += clock.elapsed();
+        let left = p.rays.single;
         // Once more, to know which look into a cell ended which ray; and once with nothing but that.
         let mut traversed = Duration::ZERO;
         for mode in [Mode::Record, Mode::Replay] {
-            let Some(frustum) = p.start::<S>(place, false) else { break };
-            if p.blocks == 0 {
+            let Some(frustum) = p.start::<S, _>(place, wanted, false) else {
+                break;
+            };
+            if p.rays.blocks == 0 {
                 break;
             }
-            let crossing = Crossing::new(p, place, view);
+            let crossing = Crossing::new(&p.rays, place, view);
             (log.looks, log.next) = (0, 0);
             let mut cells = Marked {
-                cells: what.to_cross(p),
+                cells: what.cells(p, false),
                 mode,
                 log: &mut log,
             };
             let clock = Instant::now();
-            crossing.cross::<S, _>(&mut cells, p, &frustum, &mut work);
+            black_box(crossing.cross::<S, _>(&mut cells, &frustum));
             traversed = clock.elapsed();
         }
-        black_box(&work);
         laps.traverse += traversed;
         laps.compose += way.saturating_sub(traversed);
         laps.solve += solved;
-        laps.finish += stored.saturating_sub(solved);
+        laps.finish += finish.saturating_sub(solved);
         left
     }
 }
@@ -392,6 +350,11 @@ struct Marked<'l, C> {
 
 impl<C: Cells> Cells for Marked<'_, C> {
     #[inline(always)]
+    fn rays(&mut self) -> &mut Rays {
+        self.cells.rays()
+    }
+
+    #[inline(always)]
     fn size(&self) -> [i32; 3] {
         self.cells.size()
     }
@@ -402,30 +365,31 @@ impl<C: Cells> Cells for Marked<'_, C> {
     }
 
     #[inline(always)]
-    fn brick(&self, brick: [i32; 3]) -> u64 {
+    fn brick(&mut self, brick: [i32; 3]) -> u64 {
         self.cells.brick(brick)
     }
 
     #[inline(always)]
-    fn cell<S: Lanes>(&mut self, p: &mut Packet, blocks: u32, cell: [i32; 3], work: &mut Work) {
+    fn cell<S: Lanes>(&mut self, blocks: u32, cell: [i32; 3], bit: u32) {
         if self.mode == Mode::Replay {
             self.log.looks += 1;
             while let Some(end) = self.log.ends.get(self.log.next).filter(|e| e.look == self.log.looks) {
-                p.alive[usize::from(end.block)] = end.alive;
+                let rays = self.cells.rays();
+                rays.alive[usize::from(end.block)] = end.alive;
                 if end.alive == 0 {
-                    p.blocks &= !(1 << end.block);
+                    rays.blocks &= !(1 << end.block);
                 }
                 self.log.next += 1;
             }
             return;
         }
         if self.mode == Mode::Run {
-            return self.cells.cell::<S>(p, blocks, cell, work);
+            return self.cells.cell::<S>(blocks, cell, bit);
         }
-        let before = p.alive;
-        self.cells.cell::<S>(p, blocks, cell, work);
+        let before = self.cells.rays().alive;
+        self.cells.cell::<S>(blocks, cell, bit);
         self.log.looks += 1;
-        for (block, (before, &alive)) in (0u8..).zip(before.iter().zip(&p.alive)) {
+        for (block, (before, &alive)) in (0u8..).zip(before.iter().zip(&self.cells.rays().alive)) {
             if *before != alive {
                 let look = self.log.looks;
                 self.log.ends.push(End { look, block, alive });

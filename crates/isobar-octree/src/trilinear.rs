@@ -2,11 +2,12 @@
 
 use crate::bricks::Sample;
 use crate::cell::{Root, Scratch};
-use crate::packet::{self, RaySet, holds};
-use crate::packet_view::Projection;
+use crate::packet::{self, applies};
+use crate::packet_cells::LinearTile;
 use crate::walk::{Entry, Search, Space, Walk, Work};
 use glam::DVec3;
 use isobar_core::{Claim, Hit, Ray, View};
+use isobar_cpu::packet::{Projection, RaySet, holds};
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
 
@@ -26,17 +27,22 @@ pub(crate) struct DrawTile<'a, 'b, T> {
 
 /// Draws one tile with at most the instructions of `level`; gives the work done.
 pub(crate) fn draw<T: Sample>(level: Level, tile: DrawTile<'_, '_, T>) -> Work {
-    let mut tile = tile;
     let mut work = Work::default();
     let mut rays = None;
-    if packet::applies(tile.tile, tile.surfaces, tile.out)
-        && let Some(projection) = Projection::new(tile.view, tile.space)
+    if applies(tile.tile, tile.surfaces)
+        && let Some(projection) = Projection::new(tile.view, &tile.space.domain)
     {
-        let left = packet::draw(level, &mut tile, &projection, &mut work);
-        if left.iter().all(|&b| b == 0) {
+        let done = packet::draw(level, &tile.together(), &projection, &mut *tile.out);
+        work = Work {
+            nodes: done.crossed.nodes,
+            bricks: done.crossed.bricks,
+            cells: done.cells,
+            cubics: done.cells * tile.surfaces.values().len() as u64,
+        };
+        if done.left.iter().all(|&b| b == 0) {
             return work;
         }
-        rays = Some(left);
+        rays = Some(done.left);
     }
     let alone = level.run(SingleRays { tile, rays });
     Work {
@@ -44,6 +50,17 @@ pub(crate) fn draw<T: Sample>(level: Level, tile: DrawTile<'_, '_, T>) -> Work {
         bricks: work.bricks + alone.bricks,
         cells: work.cells + alone.cells,
         cubics: work.cubics + alone.cubics,
+    }
+}
+
+impl<'a, T: Sample> DrawTile<'a, '_, T> {
+    /// As packets have it.
+    pub(crate) fn together(&self) -> LinearTile<'a, T> {
+        LinearTile {
+            search: self.search,
+            place: packet::place(self.space, self.view, self.tile, 0.0, 1.0),
+            surfaces: self.surfaces,
+        }
     }
 }
 

@@ -19,15 +19,11 @@
 
 use crate::bricks::{Active, SIDE, Sample, bit};
 use crate::cell::{Root, Scratch, Way};
-use crate::clip::kept;
 use glam::DVec3;
 use isobar_core::{ClipPlane, Domain, Ray};
-
-/// One value per axis. `array::map` is not inlined into functions compiled for more instructions than the crate, at twice the cost of a frame.
-#[inline(always)]
-pub(crate) fn three<R>(f: impl Fn(usize) -> R) -> [R; 3] {
-    [f(0), f(1), f(2)]
-}
+use isobar_cpu::clip::{self, Side, kept};
+use isobar_cpu::packet;
+pub(crate) use isobar_cpu::packet::three;
 
 /// Unit roundoff of f64.
 const U: f64 = 0.5 * f64::EPSILON;
@@ -126,10 +122,7 @@ impl Space {
     /// No point of the domain lies further along the ray than this.
     #[inline(always)]
     pub(crate) fn reach(&self, ray: &Ray) -> f64 {
-        let (lo, hi) = self.world;
-        let far = (ray.origin - lo).abs().max((ray.origin - hi).abs()).length();
-        // Twice: what of it is rounded, and a direction that is not of length one.
-        2.0 * far / ray.direction.length()
+        clip::reach(ray, self.world)
     }
 
     /// World gradient from that in index space.
@@ -141,6 +134,28 @@ impl Space {
         } else {
             DVec3::new(x.dot(g), y.dot(g), z.dot(g))
         }
+    }
+}
+
+impl packet::Space for Space {
+    const PART: f64 = 6.0;
+    const STEEPEST: f64 = 6.0;
+
+    #[inline(always)]
+    fn domain(&self) -> &Domain {
+        &self.domain
+    }
+    #[inline(always)]
+    fn world(&self) -> (DVec3, DVec3) {
+        self.world
+    }
+    #[inline(always)]
+    fn vector(&self, v: DVec3) -> DVec3 {
+        self.index_vector(v)
+    }
+    #[inline(always)]
+    fn margin(&self, origin: DVec3) -> f64 {
+        Self::margin(self, origin)
     }
 }
 
@@ -172,10 +187,16 @@ pub(crate) fn cleaned(d: [f64; 3]) -> [f64; 3] {
     d.map(|x| if x.abs() < NOTHING * most { 0.0 } else { x })
 }
 
-/// Which way a domain grown by e moves the planes that cut it.
+/// What planes keep of a ray in a domain grown by e.
 #[inline(always)]
-pub(crate) fn side(e: f64) -> f64 {
-    if e == 0.0 { 0.0 } else { e.signum() }
+pub(crate) fn side(e: f64) -> Side {
+    if e == 0.0 {
+        Side::Rounded
+    } else if e > 0.0 {
+        Side::Outer
+    } else {
+        Side::Inner
+    }
 }
 
 /// See [`Walk::ends`]. `of(e)`: the parameters at which the ray enters and leaves the domain grown by e; `e` is at least the error of a position.

@@ -6,7 +6,7 @@
 //! `tolerance` times the range of the values, and, where the field turns within the cell, below a quarter of the narrowest feature of the transfer function there.
 //!
 //! **Claims.** With no medium to be seen, EXISTS, FIRST and EMPTY are what `crossings.rs` proves, given the bound of `volume.rs`: (steep E + rounding + steep L) M, with E the error of
-//! a position, L how far the ray travels between the domain shrunk and grown by E, clipping planes by their own error (`space.rs`, `clip.rs`), M the range of the coefficients. Cells are passed by only where their range
+//! a position, L how far the ray travels between the domain shrunk and grown by E, clipping planes by their own error (`space.rs`, `isobar_cpu::clip`), M the range of the coefficients. Cells are passed by only where their range
 //! stays [`MARGIN`] M away from every value, which is more than the bound, so that there no value is met; a stretch of the ray within E of a face and given to the
 //! wrong one of two cells is covered, because both fields agree on the face and leave it by at most steep M E. Rays whose bound exceeds [`MARGIN`] (eyes more than some 10^8
 //! voxels away) claim nothing.

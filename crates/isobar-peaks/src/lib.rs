@@ -29,7 +29,6 @@
 //! # }
 //! ```
 
-mod clip;
 mod crossings;
 mod exact;
 mod filter;

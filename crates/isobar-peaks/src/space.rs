@@ -12,12 +12,12 @@
 //! (|eye| + |origin| + |t d|)/spacing + 5u n; 16 and 8 are used. A skew lattice multiplies by its inverse: nine terms, each as above, and the
 //! inverse itself is off by the loss of digits of its determinant, [`Space::skew`]: 128 and that factor are used.
 //!
-//! Where a ray enters or leaves the domain, the plane is off by E too, and a clipping plane by what `clip.rs` says: [`Walk::loose`] is how far, in index units, the ray travels
+//! Where a ray enters or leaves the domain, the plane is off by E too, and a clipping plane by what `isobar_cpu::clip` says: [`Walk::loose`] is how far, in index units, the ray travels
 //! between the kept part shrunk and grown by that.
 
-use crate::clip::{Side, kept};
 use glam::DVec3;
 use isobar_core::{ClipPlane, Domain, Ray};
+use isobar_cpu::clip::{Side, kept};
 
 /// One value per axis; `array::map` is not inlined into functions compiled for more instructions than the crate.
 #[inline(always)]

@@ -351,7 +351,7 @@ impl Renderer for Tetspline {
                 margin: MARGIN,
             };
             let claims = settings.claims && search.finds_all();
-            let projection = Projection::new(view, &volume.space);
+            let projection = Projection::new(view, &volume.space.domain);
             render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
                 let job = Job { field: &search, space: &volume.space, view, surfaces, claims, tile, out };
                 // What packets do not do.

@@ -15,7 +15,7 @@
 
 use super::basis::Spline;
 use crate::packet::COEFFICIENTS;
-use crate::packet_lanes::Lanes;
+use isobar_cpu::packet::Lanes;
 
 /// Coefficients of s_x^p s_y^q s_z^r at `[p][4r + q]`.
 pub(super) type Powers = [[f64; 16]; 4];
@@ -240,9 +240,9 @@ pub(super) fn bernstein<S: Spline, L: Lanes>(p: &[L; COEFFICIENTS]) -> [L; COEFF
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::packet_lanes::{LANES, Plain};
     use crate::smooth::basis::{Cubic, Quadratic, Table, growth};
     use crate::smooth::vector::{Portable, Register};
+    use isobar_cpu::packet::{LANES, Plain};
 
     /// Against the composition of single rays, within both bounds; and the polynomial by powers is the one in Bernstein form.
     fn agrees<S: Spline>() {

@@ -15,11 +15,11 @@ use super::lattice::{Entry, Lattice, Path, Space, three};
 use super::roots::{Candidate, Segment, Track};
 use super::vector::{Isa, Register};
 use crate::bricks::bit;
-use crate::packet::{RaySet, holds};
 use crate::trilinear::MARGIN;
 use crate::walk::Bounds;
 use glam::DVec3;
 use isobar_core::{Claim, Hit, View};
+use isobar_cpu::packet::{RaySet, holds};
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
 

@@ -1,17 +1,12 @@
 //! Coefficients with their border, and the ray in the shifted index space of their cells.
 
 use super::basis::Spline;
-use crate::clip::kept;
 use crate::walk::{cleaned, ends, side};
 use glam::DVec3;
 use isobar_core::{ClipPlane, Domain, Ray};
+use isobar_cpu::clip::kept;
+pub(crate) use isobar_cpu::packet::three;
 use isobar_fields::Border;
-
-/// One value per axis. `array::map` is not inlined into functions compiled for more instructions than the crate.
-#[inline(always)]
-pub(crate) fn three<R>(f: impl Fn(usize) -> R) -> [R; 3] {
-    [f(0), f(1), f(2)]
-}
 
 /// Types coefficients are stored in; all are exact in f32.
 pub(crate) trait Coefficient: Copy + PartialOrd + Into<f64> + Send + Sync + 'static {

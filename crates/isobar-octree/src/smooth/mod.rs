@@ -2,7 +2,7 @@
 //!
 //! Steinberger 2010, sections 3.2 and 3.3. [`basis`]: the splines and the composition along a ray; [`lattice`]: coefficients, border, index space;
 //! [`bricks`]: which bricks and cells a surface can meet; [`roots`]: from a cell's polynomial to roots, proved where f64 arithmetic can;
-//! [`caster`]: the walk of a single ray; [`packet`] and [`along`]: tiles of rays together, for the first hit. The plain kinds read the samples where they are; the interpolating ones the f32 coefficients of their [`GridSpline`].
+//! [`caster`]: the walk of a single ray; [`packet`] and [`along`]: tiles of rays together. The plain kinds read the samples where they are; the interpolating ones the f32 coefficients of their [`GridSpline`].
 
 mod along;
 mod basis;
@@ -10,15 +10,13 @@ mod bricks;
 mod caster;
 mod lattice;
 mod packet;
-mod packet_clocked;
 mod roots;
 #[cfg(test)]
 mod tests;
 mod vector;
 
 use crate::bricks::bit;
-use crate::packet::RaySet;
-use crate::stages::Laps;
+use crate::stages::{self, Laps};
 use crate::trilinear::MARGIN;
 use crate::walk::Bounds;
 use basis::{Cubic, Quadratic, Spline, Table};
@@ -26,6 +24,7 @@ use bricks::{Active, Bricks};
 pub(crate) use caster::Work;
 use caster::{DrawTile, Search};
 use isobar_core::{DataError, Function, Grid, Samples, Stage, View};
+use isobar_cpu::packet::RaySet;
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Level, Tile, TileOut};
 use isobar_fields::{Coefficients, GridSpline, Kind};
@@ -251,8 +250,11 @@ fn draw<S: Spline>(search: &Search<'_>, mut job: Job<'_, '_>) -> Work {
 }
 
 /// As [`draw`], with clocks.
-fn draw_clocked<S: Spline>(search: &Search<'_>, mut job: Job<'_, '_>, laps: &mut Laps) {
-    let rays = packet_clocked::draw::<S>(search, &mut job, laps);
+fn draw_clocked<S: Spline>(search: &Search<'_>, job: Job<'_, '_>, laps: &mut Laps) {
+    let clock = Instant::now();
+    let together = packet::Tile::<S>::new(search, &job);
+    laps.setup += clock.elapsed();
+    let rays = together.map(|(tile, view)| stages::clocked(search.level, &tile, &view, job.out, laps));
     let clock = Instant::now();
     if rays.is_none_or(|r| r.iter().any(|&b| b != 0)) {
         alone::<S>(search, job, rays);

@@ -1,16 +1,13 @@
 //! The active cubes of a volume for one tile: pieces of rays between sorted planes, and the queue of those in active tetrahedra.
 
-use super::crossing::Lattice;
-use super::lanes::{LANES, Lanes, SPREAD};
 use super::pieces::{Lines, blossom, coefficients};
-use super::{Field, Packet, SHIFT, ones};
+use super::{Field, Packet, Paths, SHIFT, Value};
 use crate::bricks;
 use crate::cube::Data;
 use crate::ray::{FORMS, three};
 use crate::walk::Work;
-use isobar_fields::type6::DENOMINATOR;
-use isobar_poly::{First, RootKind, Tolerance, first_root};
-use std::marker::PhantomData;
+use isobar_cpu::packet::{BLOCKS, Cells, LANES, Lanes, One, RaySet, Rays, SPREAD, ones, only_roots};
+use isobar_poly::{First, Root, RootKind, Tolerance, all_roots, first_root};
 
 /// Pieces a block can add, seven for each ray, and those left from before; a vector is written at a time.
 const ROOM: usize = 9 * LANES;
@@ -72,25 +69,36 @@ impl Queue {
 }
 
 /// The cubes of a volume, for one tile.
-pub(super) struct Cubes<'a, S> {
-    field: &'a dyn Field,
-    /// What a coefficient may be off by, 192 times.
-    bound: f64,
+pub(super) struct Cubes<'c> {
+    field: &'c dyn Field,
+    values: &'c [Value],
+    p: &'c mut Packet,
+    paths: &'c Paths,
+    work: &'c mut Work,
     /// The brick's cubes.
-    brick: Option<&'a bricks::Cubes>,
+    brick: Option<&'c bricks::Cubes>,
     queue: Queue,
-    /// Whether a ray ended in this cube.
-    ended: bool,
-    lanes: PhantomData<S>,
+    /// Rays that have roots in this cube, those in doubt about it, and the blocks that have such rays.
+    hit: RaySet,
+    alone: RaySet,
+    met: u32,
 }
 
-impl<'a, S: Lanes> Cubes<'a, S> {
-    /// `margin`: the relative bound of the packet's rays.
+impl<'c> Cubes<'c> {
     #[inline(always)]
-    pub(super) fn new(field: &'a dyn Field, margin: f64) -> Self {
+    pub(super) fn new(
+        field: &'c dyn Field,
+        values: &'c [Value],
+        p: &'c mut Packet,
+        paths: &'c Paths,
+        work: &'c mut Work,
+    ) -> Self {
         Self {
             field,
-            bound: f64::from(DENOMINATOR) * margin * field.bounds()[0].size,
+            values,
+            p,
+            paths,
+            work,
             brick: None,
             queue: Queue {
                 t0: [0.0; ROOM],
@@ -99,17 +107,19 @@ impl<'a, S: Lanes> Cubes<'a, S> {
                 kind: [0; ROOM],
                 count: 0,
             },
-            ended: false,
-            lanes: PhantomData,
+            hit: [0; BLOCKS],
+            alone: [0; BLOCKS],
+            met: 0,
         }
-    }
-
-    pub(super) fn bound(&self) -> f64 {
-        self.bound
     }
 }
 
-impl<S: Lanes> Lattice for Cubes<'_, S> {
+impl Cells for Cubes<'_> {
+    #[inline(always)]
+    fn rays(&mut self) -> &mut Rays {
+        &mut self.p.rays
+    }
+
     #[inline(always)]
     fn size(&self) -> [i32; 3] {
         self.field.size()
@@ -129,52 +139,54 @@ impl<S: Lanes> Lattice for Cubes<'_, S> {
     }
 
     #[inline(always)]
-    fn cube(&mut self, p: &mut Packet, blocks: u32, cube: [i32; 3], b: u32, work: &mut Work) {
+    fn cell<S: Lanes>(&mut self, blocks: u32, cube: [i32; 3], bit: u32) {
         let Some(brick) = self.brick else { return };
         let mut data: Option<Data> = None;
-        let kinds = if let Some(kinds) = brick.known(b) {
+        let kinds = if let Some(kinds) = brick.known(bit) {
             kinds
         } else {
-            let kinds = active_kinds::<S>(data.insert(self.field.data(cube)), self.field.bounds()[0].margin());
-            brick.keep(b, kinds);
+            let kinds = active_kinds::<S>(data.insert(self.field.data(cube)), self.values);
+            brick.keep(bit, kinds);
             kinds
         };
         if kinds == 0 {
             return;
         }
-        let near = three(|a| f64::from(cube[a] + i32::from(p.down[a])));
-        let far = three(|a| f64::from(cube[a] + i32::from(!p.down[a])));
+        let down = self.p.rays.down;
+        let near = three(|a| f64::from(cube[a] + i32::from(down[a])));
+        let far = three(|a| f64::from(cube[a] + i32::from(!down[a])));
         let mut left = blocks;
         while left != 0 {
             let b = left.trailing_zeros() as usize;
             left &= left - 1;
-            let inv = three(|a| S::load(&p.inv[a][b]));
-            let shift = three(|a| S::load(&p.shift[a][b]));
+            let rays = &self.p.rays;
+            let inv = three(|a| S::load(&rays.inv[a][b]));
+            let shift = three(|a| S::load(&rays.shift[a][b]));
             let (tn, tf) = (planes(near, inv, shift), planes(far, inv, shift));
-            let t0 = tn[0].max(tn[1]).max(tn[2].max(S::load(&p.begin[b])));
-            let t1 = tf[0].min(tf[1]).min(tf[2].min(S::load(&p.end[b])));
-            let inside = p.alive[b] & t1.above(t0);
+            let t0 = tn[0].max(tn[1]).max(tn[2].max(S::load(&rays.begin[b])));
+            let t1 = tf[0].min(tf[1]).min(tf[2].min(S::load(&rays.end[b])));
+            let inside = rays.alive[b] & t1.above(t0);
             if inside != 0 {
-                work.cubes += u64::from(inside.count_ones());
-                work.active += u64::from(inside.count_ones());
-                self.cut(p, b, cube, kinds, [t0, t1], inside);
+                self.work.cubes += u64::from(inside.count_ones());
+                self.work.active += u64::from(inside.count_ones());
+                self.cut(b, cube, kinds, [t0, t1], inside);
             }
             if self.queue.count >= LANES || (left == 0 && self.queue.count > 0) {
                 let data = data.get_or_insert_with(|| self.field.data(cube));
-                self.empty(p, cube, data, left == 0, work);
+                self.empty::<S>(cube, data, left == 0);
             }
         }
-        if self.ended {
-            self.ended = false;
-            p.end(blocks);
+        for b in ones(self.met) {
+            self.p.advance(b, self.hit[b], self.alone[b]);
+            (self.hit[b], self.alone[b]) = (0, 0);
         }
+        self.met = 0;
     }
 }
 
-/// The kinds whose coefficients hold a value within `margin` of zero, from the 27 data of a cube: eight kinds at a time.
+/// The kinds whose coefficients can meet an isovalue, from the 27 data of a cube: eight kinds at a time.
 #[inline(always)]
-pub(super) fn active_kinds<S: Lanes>(data: &Data, margin: f64) -> u32 {
-    let margin = S::splat(f64::from(DENOMINATOR) * margin);
+pub(super) fn active_kinds<S: Lanes>(data: &Data, values: &[Value]) -> u32 {
     let mut mask = 0;
     for group in 0..3 {
         let kinds = 0x0706_0504_0302_0100 + group * 8 * LOWEST;
@@ -184,7 +196,10 @@ pub(super) fn active_kinds<S: Lanes>(data: &Data, margin: f64) -> u32 {
             least = least.min(v);
             greatest = greatest.max(v);
         }
-        let on = !least.above(margin) & !S::splat(0.0).sub(margin).above(greatest);
+        let mut on = 0;
+        for v in values {
+            on |= !least.above(S::splat(v.shift + v.margin)) & !S::splat(v.shift - v.margin).above(greatest);
+        }
         mask |= u32::from(on) << (8 * group);
     }
     mask
@@ -238,17 +253,17 @@ fn kinds_of<S: Lanes>(p: [S; 3]) -> u64 {
     bytes(z, 4) | bytes(y, 3) | bytes(first, 2) | bytes(swap, 1) | bytes(second, 0)
 }
 
-impl<S: Lanes> Cubes<'_, S> {
+impl Cubes<'_> {
     /// Puts the pieces of block `b` in active tetrahedra into the queue.
     #[inline(always)]
-    fn cut(&mut self, p: &Packet, b: usize, cube: [i32; 3], kinds: u32, [t0, t1]: [S; 2], inside: u8) {
+    fn cut<S: Lanes>(&mut self, b: usize, cube: [i32; 3], kinds: u32, [t0, t1]: [S; 2], inside: u8) {
         let c = cube.map(f64::from);
         // Planes outside make pieces of no length.
         let mut cuts = [t0; 8];
         for (n, &(i, j, sign)) in FORMS.iter().enumerate() {
             let t = S::splat(c[i] + sign * c[j])
-                .mul(S::load(&p.form_inv[n][b]))
-                .add(S::load(&p.form_shift[n][b]));
+                .mul(S::load(&self.paths.form_inv[n][b]))
+                .add(S::load(&self.paths.form_shift[n][b]));
             cuts[n + 1] = t.min(t1).max(t0);
         }
         for (i, j) in SORT {
@@ -256,8 +271,8 @@ impl<S: Lanes> Cubes<'_, S> {
             (cuts[i + 1], cuts[j + 1]) = (lo.min(hi), lo.max(hi));
         }
         cuts[7] = t1;
-        let o = three(|a| Packet::of::<S>(&p.origin, a, b).sub(S::splat(c[a])));
-        let d = three(|a| Packet::of::<S>(&p.direction, a, b));
+        let o = three(|a| Paths::of::<S>(&self.paths.origin, a, b).sub(S::splat(c[a])));
+        let d = three(|a| Paths::of::<S>(&self.paths.direction, a, b));
         let rays = 0x0706_0504_0302_0100 + (b * LANES) as u64 * LOWEST;
         for n in 0..7 {
             let (from, to) = (cuts[n], cuts[n + 1]);
@@ -281,14 +296,13 @@ impl<S: Lanes> Cubes<'_, S> {
 
     /// Works out the queue, eight pieces at a time; `all`: the rest too.
     #[inline(always)]
-    fn empty(&mut self, p: &mut Packet, cube: [i32; 3], data: &Data, all: bool, work: &mut Work) {
+    fn empty<S: Lanes>(&mut self, cube: [i32; 3], data: &Data, all: bool) {
         let count = self.queue.count;
-        work.tets += count as u64;
+        self.work.tets += count as u64;
         let mut centre = [0.0; 32];
         for a in 0..3 {
             centre[a * LANES] = f64::from(cube[a]);
         }
-        let (bound, minus) = (S::splat(self.bound), S::splat(-self.bound));
         let mut at = 0;
         while at + LANES <= count || (all && at < count) {
             let n = (count - at).min(LANES);
@@ -298,25 +312,31 @@ impl<S: Lanes> Cubes<'_, S> {
             let kind = S::index(u64::from_le_bytes(eight(&q.kind, at)));
             let ray = S::index(u64::from_le_bytes(eight(&q.ray, at)));
             let b = coefficients::<S, 32>(data, S::index(0), kind);
-            let lines = Lines::new(p, ray, &centre, S::index(0), kind);
+            let lines = Lines::new(self.paths, ray, &centre, S::index(0), kind);
             let c = blossom(&b, lines.at(t0), lines.at(t1));
             let least = c[0].min(c[1]).min(c[2].min(c[3]));
             let greatest = c[0].max(c[1]).max(c[2].max(c[3]));
-            let maybe = held & !least.above(bound) & !minus.above(greatest);
-            if maybe != 0 {
+            for (value, v) in (0u8..).zip(self.values) {
+                let maybe = held & !least.above(S::splat(v.shift + v.bound)) & !S::splat(v.shift - v.bound).above(greatest);
+                if maybe == 0 {
+                    continue;
+                }
+                let d = S::splat(v.shift);
+                let c = [c[0].sub(d), c[1].sub(d), c[2].sub(d), c[3].sub(d)];
                 // Ends clear of zero and one change of sign for certain: exactly one root.
-                let (up, down) = (
-                    [c[0].above(bound), c[1].above(bound), c[2].above(bound), c[3].above(bound)],
-                    [minus.above(c[0]), minus.above(c[1]), minus.above(c[2]), minus.above(c[3])],
-                );
-                let one = (up[0] & down[3] & (up[1] | down[2])) | (down[0] & up[3] & (down[1] | up[2]));
+                let one = only_roots(&c, S::splat(v.bound), S::splat(-v.bound));
                 let mut lanes = [[0.0; LANES]; 4];
                 for (to, c) in lanes.iter_mut().zip(c) {
                     c.store(to);
                 }
                 for l in ones(maybe.into()) {
-                    let c = [lanes[0][l], lanes[1][l], lanes[2][l], lanes[3][l]];
-                    self.take(p, at + l, cube, c, one >> l & 1 != 0, work);
+                    let piece = Piece {
+                        at: at + l,
+                        cube,
+                        c: [lanes[0][l], lanes[1][l], lanes[2][l], lanes[3][l]],
+                        value,
+                    };
+                    self.take(&piece, one >> l & 1 != 0, v.bound);
                 }
             }
             at += LANES;
@@ -324,56 +344,83 @@ impl<S: Lanes> Cubes<'_, S> {
         if all {
             self.queue.count = 0;
         } else {
-            work.tets -= (count - at) as u64;
+            self.work.tets -= (count - at) as u64;
             self.queue.drop_first(at);
         }
     }
 
-    /// The cubic of piece `at` of the queue may have a root, just one if `one`: whether it has, and is the first of its ray.
+    /// The cubic of a piece may have roots, just one if `one`: puts them aside.
     #[inline(always)]
-    fn take(&mut self, p: &mut Packet, at: usize, cube: [i32; 3], c: [f64; 4], one: bool, work: &mut Work) {
-        work.cubics += 1;
-        let ray = self.queue.ray[at];
-        let (b, l) = (usize::from(ray) / LANES, usize::from(ray) % LANES);
-        let (t0, bit) = (self.queue.t0[at], 1u8 << l);
-        // Rays that had ended are not in this cube; one in doubt stays so, of two hits the first counts.
-        if p.single[b] & bit != 0 || (p.hit[b] & bit != 0 && p.found.t0[b][l] <= t0) {
+    fn take(&mut self, piece: &Piece, one: bool, bound: f64) {
+        self.work.cubics += 1;
+        let ray = self.queue.ray[piece.at];
+        let (b, bit) = (usize::from(ray) / LANES, 1u8 << (usize::from(ray) % LANES));
+        // Pieces of a ray come in order, those of one isovalue: what follows the one root that is wanted means nothing.
+        let first = self.p.wants_first();
+        if self.alone[b] & bit != 0 || (first && self.values.len() == 1 && self.hit[b] & bit != 0) {
             return;
         }
-        let known = if one { Some([-1.0, 0.0]) } else { first(&c, self.bound) };
-        let Some([root, reach]) = known else { return };
-        self.ended = true;
-        if reach.is_nan() {
-            p.single[b] |= bit;
-            p.hit[b] &= !bit;
-            return;
+        let mut put = |root: Option<[f64; 2]>| {
+            self.met |= 1 << b;
+            let Some(root) = root else {
+                self.alone[b] |= bit;
+                return;
+            };
+            self.hit[b] |= bit;
+            self.p.push_one(&One {
+                ray,
+                p: &piece.c,
+                ends: [self.queue.t0[piece.at], self.queue.t1[piece.at]],
+                root,
+                near: piece.cube.map(f64::from),
+                value: piece.value,
+                kind: self.queue.kind[piece.at],
+            });
+        };
+        if one {
+            put(Some([-1.0, 0.0]));
+        } else {
+            solve(&piece.c, bound, first, &mut put);
         }
-        p.hit[b] |= bit;
-        let f = &mut p.found;
-        for (to, c) in f.p.iter_mut().zip(c) {
-            to[b][l] = c;
-        }
-        (f.t0[b][l], f.t1[b][l]) = (t0, self.queue.t1[at]);
-        (f.root[b][l], f.reach[b][l]) = (root, reach);
-        f.cube[usize::from(ray)] = cube;
-        f.kind[usize::from(ray)] = self.queue.kind[at];
     }
 }
 
-/// The first root of a cubic and how far its bracket reaches; the latter NaN where that is in doubt. `None`: no root for certain.
+/// A piece of a ray in a tetrahedron: place in the queue, cubic, number of the isovalue.
+struct Piece {
+    at: usize,
+    cube: [i32; 3],
+    c: [f64; 4],
+    value: u8,
+}
+
+/// Tells `put` the roots of a cubic, the first one or all, and how far their brackets reach; nothing of one in doubt.
 #[cold]
 #[inline(never)]
-fn first(c: &[f64; 4], bound: f64) -> Option<[f64; 2]> {
+fn solve(c: &[f64; 4], bound: f64, first: bool, put: &mut dyn FnMut(Option<[f64; 2]>)) {
     /// Brackets in [0, 1] are at most this wide, where signs are certain that close.
     const WIDTH: f64 = 1e-9;
     let tolerance = Tolerance {
         error: bound,
         ..Tolerance::new(WIDTH)
     };
-    match first_root(c, &tolerance) {
-        First::None => None,
-        First::Root(r) if r.kind == RootKind::Crossing && r.lo > 0.0 && r.hi < 1.0 => Some([r.t, (r.t - r.lo).max(r.hi - r.t)]),
-        _ => Some([f64::NAN; 2]),
+    let sure = |r: &Root<f64>| {
+        let crosses = r.kind == RootKind::Crossing && r.lo > 0.0 && r.hi < 1.0;
+        crosses.then(|| [r.t, (r.t - r.lo).max(r.hi - r.t)])
+    };
+    if first {
+        match first_root(c, &tolerance) {
+            First::None => {}
+            First::Root(r) => put(sure(&r)),
+            First::GaveUp { .. } => put(None),
+        }
+        return;
+    }
+    let roots = all_roots(c, &tolerance);
+    for r in roots.as_slice() {
+        put(sure(r));
+    }
+    if roots.gave_up().is_some() {
+        put(None);
     }
 }
 
@@ -381,8 +428,9 @@ const _: () = assert!(SHIFT == 0.5, "cubes reach half a step to both sides of th
 
 #[cfg(test)]
 mod tests {
-    use super::super::lanes::Plain;
     use super::*;
+    use isobar_cpu::packet::Plain;
+    use isobar_fields::type6::DENOMINATOR;
     use isobar_fields::type6::kind_of;
 
     /// By the principle of zeros and ones.
@@ -412,7 +460,19 @@ mod tests {
             data[..27].fill_with(&mut next);
             let of: &[f64; 27] = data.first_chunk().unwrap();
             let want = crate::classify::active_kinds(of, 1e-6);
-            assert_eq!(active_kinds::<Plain>(&data, 1e-6), want);
+            let mut values = vec![Value {
+                shift: 0.0,
+                bound: 0.0,
+                margin: f64::from(DENOMINATOR) * 1e-6,
+            }];
+            assert_eq!(active_kinds::<Plain>(&data, &values), want);
+            // Another isovalue.
+            let other = crate::classify::active_kinds(&of.map(|v| v - 0.2), 1e-6);
+            values.push(Value {
+                shift: f64::from(DENOMINATOR) * 0.2,
+                ..values[0]
+            });
+            assert_eq!(active_kinds::<Plain>(&data, &values), want | other);
             some += u32::from(want != 0 && want != (1 << 24) - 1);
         }
         assert!(some > 100, "{some}");

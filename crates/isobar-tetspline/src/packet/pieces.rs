@@ -3,8 +3,8 @@
 //! Lane l has its own kind of tetrahedron: a kind is a signed permutation of the axes (`isobar_fields::type6`), so the data in canonical order are gathered
 //! with three strides, and the masks, de Casteljau's rule and the gradient are those of the one canonical tetrahedron. Values are 192 times too large, which saves 20 divisions.
 
-use super::lanes::{LANES, Lanes};
-use super::{Packet, RAYS};
+use super::Paths;
+use isobar_cpu::packet::{LANES, Lanes, RAYS};
 use isobar_fields::type6::{DENOMINATOR, Number, coefficients_192, frame};
 use std::ops::{Add, Mul, Sub};
 
@@ -124,7 +124,7 @@ pub(super) struct Lines<S> {
 impl<S: Lanes> Lines<S> {
     /// `rays`: numbers of the rays; the centres of the cubes stand in the table at `8 axis + at`.
     #[inline(always)]
-    pub(super) fn new(p: &Packet, rays: S::Index, centres: &[f64; 32], at: S::Index, kind: S::Index) -> Self {
+    pub(super) fn new(p: &Paths, rays: S::Index, centres: &[f64; 32], at: S::Index, kind: S::Index) -> Self {
         let one = S::splat(1.0);
         let sign = [S::gather(&KINDS.signs[0], kind), S::gather(&KINDS.signs[1], kind), one];
         let mut lines = Self {

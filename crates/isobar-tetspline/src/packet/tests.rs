@@ -1,11 +1,11 @@
 //! Packets against single rays and the oracle.
 
-use super::lanes::{LANES, Lanes, Plain};
 use super::pieces::{blossom, coefficients, gradients, two_steps};
 use crate::{TETSPLINE_CPU, cube};
 use isobar_core::{
-    Camera, Channels, DMat3, DVec3, Data, Frame, Grid, Method, Renderer, Request, Samples, Stage, Stop, Surface, View,
+    Camera, Channels, ClipPlane, DMat3, DVec3, Data, Frame, Grid, Method, Renderer, Request, Samples, Stage, Stop, Surface, View,
 };
+use isobar_cpu::packet::{LANES, Lanes, Plain};
 use isobar_fields::Synthetic;
 use isobar_oracle::{Truth, check};
 use std::sync::Arc;
@@ -62,14 +62,15 @@ const FIRST: Channels = Channels::T
     .union(Channels::T_ERROR);
 
 /// Counting work keeps packets away.
-fn draw(data: &Arc<Data>, isovalue: f64, view: &View, channels: Channels) -> (Frame, Box<dyn Renderer>) {
+fn draw(data: &Arc<Data>, surfaces: &[Surface], view: &View, channels: Channels, layers: usize) -> (Frame, Box<dyn Renderer>) {
     let request = Request {
         channels,
+        layers,
         ..Request::default()
     };
     let mut r = TETSPLINE_CPU.open(&request).unwrap();
     r.set_data(data).unwrap();
-    r.set_surfaces(&[Surface::isovalue(isovalue, 0)]).unwrap();
+    r.set_surfaces(surfaces).unwrap();
     r.set_view(view).unwrap();
     r.render(&Stop::default()).unwrap();
     let mut f = Frame::default();
@@ -82,26 +83,47 @@ fn alone(r: &dyn Renderer) -> usize {
     counters.0.iter().find(|(n, _)| *n == "rays alone").unwrap().1 as usize
 }
 
-/// Both ways give the same pixels, and the oracle agrees; gives the number of hits and of rays that went alone.
-fn agree(name: &str, data: &Arc<Data>, isovalue: f64, view: &View) -> (usize, usize) {
-    let (one, single) = draw(data, isovalue, view, FIRST | Channels::WORK);
-    let (packets, r) = draw(data, isovalue, view, FIRST);
+/// Both ways give the same pixels, and the oracle agrees; gives the number of hits in the layers and of rays that went alone.
+fn agree(name: &str, data: &Arc<Data>, surfaces: &[Surface], view: &View, channels: Channels, layers: usize) -> (usize, usize) {
+    let (one, single) = draw(data, surfaces, view, channels | Channels::WORK, layers);
+    let (packets, r) = draw(data, surfaces, view, channels, layers);
     assert_eq!(alone(&*single), view.width * view.height, "{name}");
     let f = r.reconstruction(Stage::Stored).unwrap();
-    let surfaces = [Surface::isovalue(isovalue, 0)];
-    let truth = Truth::compute(&f, &surfaces, view, &Stop::default()).unwrap();
-    let c = check(&packets, &truth, &f, &surfaces, view).unwrap();
+    let truth = Truth::compute(&f, surfaces, view, &Stop::default()).unwrap();
+    let c = check(&packets, &truth, &f, surfaces, view).unwrap();
     assert_eq!((c.missed, c.false_hits, c.wrong_root, c.refuted), (0, 0, 0, 0), "{name}");
     assert!(c.unclaimed <= 5, "{name}: {} pixels are not proved", c.unclaimed);
-    assert_eq!(one.claim, packets.claim, "{name}");
-    assert_eq!(one.surface, packets.surface, "{name}");
-    for (p, (a, b)) in one.t.iter().zip(&packets.t).enumerate() {
-        assert!(a == b || (a - b).abs() < 1e-10, "{name}, pixel {p}: {a} and {b}");
+    if view.clips.is_empty() {
+        // Single rays do not claim what lies at a cut.
+        assert_eq!(one.claim, packets.claim, "{name}");
     }
-    let apart = |a: &[f32; 3], b: &[f32; 3]| (0..3).any(|k| (a[k] - b[k]).abs() > 1e-5);
+    assert_eq!(one.surface, packets.surface, "{name}");
+    assert_eq!(one.hits, packets.hits, "{name}");
+    let mut hits = 0;
+    for (p, (a, b)) in one.t.iter().zip(&packets.t).enumerate() {
+        // Of a pixel each within its proved bound.
+        let proved = one.t_error[p] + packets.t_error[p];
+        let apart = if proved.is_finite() { proved.max(1e-10) } else { 1e-10 };
+        assert!(a == b || (a - b).abs() < apart, "{name}, entry {p}: {a} and {b}");
+        hits += usize::from(b.is_finite());
+    }
+    let apart = |a: &[f32; 3], b: &[f32; 3]| (0..3).any(|k| (a[k] - b[k]).abs() > 1e-4);
     let normals = one.normal.iter().zip(&packets.normal);
     assert_eq!(normals.filter(|(a, b)| apart(a, b)).count(), 0, "{name}");
-    (c.hits, alone(&*r))
+    for (p, (a, b)) in one.rgba.iter().zip(&packets.rgba).enumerate() {
+        assert!(
+            (0..4).all(|k| (a[k] - b[k]).abs() < 1e-3),
+            "{name}, pixel {p}: {a:?} and {b:?}"
+        );
+    }
+    (hits, alone(&*r))
+}
+
+fn surface(value: f64, opacity: f32) -> Surface {
+    Surface {
+        opacity,
+        ..Surface::isovalue(value, 0)
+    }
 }
 
 fn noise(dims: [usize; 3], spacing: DVec3, direction: DMat3, mut seed: u64) -> Arc<Data> {
@@ -143,10 +165,13 @@ fn packets_agree_with_single_rays_and_the_oracle() {
             parallel(DVec3::ONE),
         ];
         for (i, view) in views.iter().enumerate() {
-            let (hits, alone) = agree(&format!("grid {g}, view {i}"), data, 0.6, view);
-            assert!(hits > 100 || i == 4, "view {i}: {hits} hits");
-            // Seen along an axis, directions have both signs in half of the tiles.
-            assert!(alone < 75 * 50 * 2 / 3, "grid {g}, view {i}: {alone} rays alone");
+            for (channels, layers) in [(FIRST, 1), (FIRST | Channels::HITS, 30)] {
+                let name = format!("grid {g}, view {i}, {layers} layers");
+                let (hits, alone) = agree(&name, data, &[surface(0.6, 1.0)], view, channels, layers);
+                assert!(hits > 100 || i == 4, "{name}: {hits} hits");
+                // Seen along an axis, directions have both signs in half of the tiles.
+                assert!(alone < 75 * 50 * 2 / 3, "{name}: {alone} rays alone");
+            }
         }
     }
 }
@@ -156,8 +181,44 @@ fn packets_agree_with_single_rays_and_the_oracle() {
 fn packets_draw_almost_all_of_a_frame() {
     for (spec, isovalue) in [("marschner-lobb,n=40", 0.5), ("gyroid,n=48", 0.2)] {
         let data = Arc::new(spec.parse::<Synthetic>().unwrap().data().unwrap());
-        let (hits, alone) = agree(spec, &data, isovalue, &View::bench(160, 120));
-        assert!(hits > 1000 && alone <= 512, "{spec}: {alone} of {hits} alone");
+        for channels in [FIRST, FIRST | Channels::HITS] {
+            let (hits, alone) = agree(spec, &data, &[surface(isovalue, 1.0)], &View::bench(160, 120), channels, 1);
+            assert!(hits > 1000 && alone <= 512, "{spec}: {alone} of {hits} alone");
+        }
+    }
+}
+
+/// Opaque and semi-transparent surfaces, cut by a plane and whole: what ends a ray is seen by its colours and layers.
+#[test]
+fn several_isovalues_and_cuts_go_together() {
+    let data = noise([9, 13, 10], DVec3::ONE, DMat3::IDENTITY, 8);
+    let sets = [
+        vec![surface(0.55, 0.4)],
+        vec![surface(0.6, 1.0), surface(0.45, 0.4), surface(0.52, 0.7)],
+        vec![surface(0.55, 1.0), surface(0.5, 1.0), surface(0.4, 0.0)],
+    ];
+    let (lo, hi) = data.bounds();
+    let normal = DVec3::new(1.0, 0.3, 0.2);
+    let plane = ClipPlane {
+        normal,
+        distance: normal.dot((lo + hi) * 0.5),
+        cap: false,
+    };
+    for (n, surfaces) in sets.iter().enumerate() {
+        let mut view = View::fit(data.bounds(), 40.0, 51, 35);
+        for clips in [vec![], vec![plane]] {
+            view.clips = clips;
+            for (channels, layers) in [
+                (FIRST, 1),
+                (FIRST, 3),
+                (FIRST | Channels::HITS, 1),
+                (FIRST | Channels::HITS, 30),
+            ] {
+                let name = format!("set {n}, {channels:?}, {layers} layers, {} planes", view.clips.len());
+                let (hits, alone) = agree(&name, &data, surfaces, &view, channels, layers);
+                assert!(hits > 300 && alone < 51 * 35 / 2, "{name}: {hits} hits, {alone} rays alone");
+            }
+        }
     }
 }
 
@@ -180,7 +241,7 @@ fn views_that_rounding_spoils_go_alone() {
     ];
     for (i, view) in views.iter().enumerate() {
         view.validate().unwrap();
-        let (_, alone) = agree(&format!("view {i}"), &data, 0.5, view);
+        let (_, alone) = agree(&format!("view {i}"), &data, &[surface(0.5, 1.0)], view, FIRST, 1);
         assert_eq!(alone, 48 * 36, "view {i}");
     }
 }

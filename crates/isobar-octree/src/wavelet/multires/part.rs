@@ -1,7 +1,7 @@
 //! The bricks of one level, as a lattice that the casters draw.
 
 use crate::bricks::{Active, Bricks, bit};
-use crate::packet_view::Projection;
+
 use crate::smooth::{self, Smooth};
 use crate::trilinear::{self, DrawTile, MARGIN};
 use crate::walk::{Bounds, Search, Space};
@@ -9,6 +9,7 @@ use crate::wavelet::blocks::{Blocks, CHUNK, ChunkSet};
 use crate::wavelet::{Adaptive, Bank, Mirror, Pyramid};
 use glam::DVec3;
 use isobar_core::{Camera, ClipPlane, DataError, Domain, Grid, Samples, View};
+use isobar_cpu::packet::Projection;
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Level, TILE, Tile, TileOut};
 use isobar_fields::Kind;
@@ -140,7 +141,7 @@ impl Part {
             return None;
         }
         let domain = self.grid.domain();
-        let projection = Projection::new(view, &Space::new(domain))?;
+        let projection = Projection::new(view, &domain)?;
         let shift = if kind_of_grid(&self.caster).basis().centred {
             0.5
         } else {

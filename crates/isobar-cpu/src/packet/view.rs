@@ -1,15 +1,15 @@
 //! Where bricks and cells are seen: index space to pixels, and the rectangle of pixels whose rays may meet a box.
 //!
-//! Steinberger 2010, section 3.2 launches only the projected bounding rectangle of the volume (S13); here every brick and every cell has one too.
+//! Steinberger 2010, section 3.2, launches only the projected bounding rectangle of the volume, and Kalbe et al. 2009, section 4.3, rasterise bounding tetrahedra; here every
+//! brick and every cell has a rectangle.
 //!
 //! **Why nothing is lost.** A box with half edge h about c is seen at x = X/W with X, W affine in index space, so its corners lie within
 //! h |X' - x_c W'| / (W_c - h |W'|) of x_c (1-norms of the gradients), as long as that denominator is positive; else the box counts as seen everywhere. Each
 //! rectangle is grown by a 64th of a pixel, by the rounding of X and W (`error`), and the box by [`GROWN`] of an index unit, which covers the
-//! rounding of rays (`walk.rs`: less than 2e-7 where rays are traced in packets).
+//! rounding of rays (less than 2e-7 where rays are traced in packets: [`super::Place::most`]).
 
-use crate::walk::Space;
 use glam::DVec3;
-use isobar_core::{Camera, View};
+use isobar_core::{Camera, Domain, View};
 
 /// Boxes are taken larger by this share of their half edge, which is at least 1/2.
 const GROWN: f64 = 1.0 + 1e-5;
@@ -41,7 +41,7 @@ impl Affine {
 
 /// Index space to pixels: x/w and y/w, pixel centres at whole numbers.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Projection {
+pub struct Projection {
     x: Affine,
     y: Affine,
     w: Affine,
@@ -53,22 +53,26 @@ pub(crate) struct Projection {
 
 /// What a box covers: pixels within (`x` +- `half.0`, `y` +- `half.1`).
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Seen {
-    pub(crate) x: f64,
-    pub(crate) y: f64,
-    pub(crate) half: [f64; 2],
+pub struct Seen {
+    /// Middle, in pixels of the image.
+    pub x: f64,
+    /// Middle, in pixels of the image.
+    pub y: f64,
+    /// Half its width and height.
+    pub half: [f64; 2],
 }
 
 /// What all cells of a brick share.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct CellSize {
+pub struct CellSize {
     /// As [`Seen::half`], for any cell of the brick.
     half: [f64; 2],
 }
 
 impl Projection {
     /// `None` for lists of rays, and views whose axes f64 does not hold as orthonormal: their rays go alone.
-    pub(crate) fn new(view: &View, space: &Space) -> Option<Self> {
+    #[must_use]
+    pub fn new(view: &View, domain: &Domain) -> Option<Self> {
         let (eye, target, up) = match &view.camera {
             Camera::Rays(_) => return None,
             Camera::Perspective { eye, target, up, .. } | Camera::Orthographic { eye, target, up, .. } => (*eye, *target, *up),
@@ -92,8 +96,8 @@ impl Projection {
             Camera::Orthographic { height, .. } => (0.5 * height, true),
             Camera::Rays(_) => return None,
         };
-        let origin = space.domain.origin - eye;
-        let axes = space.domain.axes;
+        let origin = domain.origin - eye;
+        let axes = domain.axes;
         let row = |v: DVec3, k: f64| Affine {
             at0: k * v.dot(origin),
             along: [k * v.dot(axes.x_axis), k * v.dot(axes.y_axis), k * v.dot(axes.z_axis)],
@@ -111,7 +115,7 @@ impl Projection {
             at0: r.at0 + middle * w.at0,
             along: [0, 1, 2].map(|a| r.along[a] + middle * w.along[a]),
         };
-        let (lo, hi) = space.world;
+        let (lo, hi) = domain.world_bounds();
         let size = eye.abs().max_element() + lo.abs().max(hi.abs()).max_element() + (hi - lo).length();
         let steps = if parallel {
             focal * size + width + height
@@ -131,7 +135,8 @@ impl Projection {
 
     /// What the box of the given half edges about `c` covers; `None` where it is not in front of the eye.
     #[inline(always)]
-    pub(crate) fn seen(&self, c: [f64; 3], half: f64) -> Option<(Seen, CellSize)> {
+    #[must_use]
+    pub fn seen(&self, c: [f64; 3], half: f64) -> Option<(Seen, CellSize)> {
         let w = self.w.at(c);
         let least = w - half * GROWN * self.depth;
         if least <= 0.0 || least.is_nan() {
@@ -158,7 +163,8 @@ impl Projection {
 
     /// What the cell about `c`, one of a brick for which [`Projection::seen`] gave `size`, covers.
     #[inline(always)]
-    pub(crate) fn cell(&self, c: [f64; 3], size: &CellSize) -> Seen {
+    #[must_use]
+    pub fn cell(&self, c: [f64; 3], size: &CellSize) -> Seen {
         let inv = 1.0 / self.w.at(c);
         Seen {
             x: self.x.at(c) * inv,
@@ -168,7 +174,8 @@ impl Projection {
     }
 
     /// The pixels whose rays may meet the box `[0, hi]`: least and greatest x and y; `None` where the box is not wholly in front of the eye.
-    pub(crate) fn bounds(&self, hi: [f64; 3]) -> Option<[[f64; 2]; 2]> {
+    #[must_use]
+    pub fn bounds(&self, hi: [f64; 3]) -> Option<[[f64; 2]; 2]> {
         let mut out = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
         for n in 0..8 {
             let grow = GROWN - 1.0;
@@ -189,12 +196,12 @@ impl Projection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isobar_core::{DMat3, Domain, Ray};
+    use isobar_core::{DMat3, Ray};
 
     /// Whether a ray meets a box of index space, in f64.
-    fn meets(ray: &Ray, space: &Space, c: [f64; 3], half: f64) -> bool {
-        let o = space.index_vector(ray.origin - space.domain.origin);
-        let d = space.index_vector(ray.direction);
+    fn meets(ray: &Ray, domain: &Domain, c: [f64; 3], half: f64) -> bool {
+        let o = domain.local_vector(ray.origin - domain.origin);
+        let d = domain.local_vector(ray.direction);
         let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
         for a in 0..3 {
             let (p, q) = ((c[a] - half - o[a]) / d[a], (c[a] + half - o[a]) / d[a]);
@@ -214,7 +221,6 @@ mod tests {
             lo: DVec3::ZERO,
             hi: DVec3::splat(20.0),
         };
-        let space = Space::new(domain);
         let (width, height) = (40, 30);
         let parallel = Camera::Orthographic {
             eye: DVec3::new(3.0, -5.0, 2.0),
@@ -239,7 +245,7 @@ mod tests {
         ];
         let (mut met, mut area, mut unknown) = (0, 0.0, 0);
         for view in views {
-            let projection = Projection::new(&view, &space).unwrap();
+            let projection = Projection::new(&view, &domain).unwrap();
             for brick in 0..125 {
                 let corner = [brick % 5, brick / 5 % 5, brick / 25].map(|b| f64::from(b) * 4.0);
                 let Some((seen, size)) = projection.seen(corner.map(|x| x + 2.0), 2.0) else {
@@ -253,7 +259,7 @@ mod tests {
                 for (c, half, s) in boxes {
                     area += 4.0 * s.half[0].min(20.0) * s.half[1].min(15.0);
                     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
-                        if meets(&view.ray(x, y), &space, c, half) {
+                        if meets(&view.ray(x, y), &domain, c, half) {
                             met += 1;
                             let inside = (x as f64 - s.x).abs() <= s.half[0] && (y as f64 - s.y).abs() <= s.half[1];
                             assert!(inside, "pixel ({x}, {y}) sees {c:?} outside {s:?}");

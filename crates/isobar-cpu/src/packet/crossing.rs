@@ -1,14 +1,18 @@
-//! A packet on its way through slices, bricks and cubes.
+//! A packet on its way through slices, bricks and cells.
 
+use super::lanes::Lanes;
+use super::rays::{Frustum, Place, Rays, Space};
+use super::three;
 use super::view::{Projection, Seen};
-use super::{Frustum, Packet, SHIFT, ones};
-use crate::bricks::bit;
-use crate::ray::three;
-use crate::walk::Work;
-use isobar_cpu::Tile;
 
 /// The frustum is taken wider by this, index units: far more than rays are rounded by.
 const WIDER: f64 = 1e-4;
+
+/// Bit of a brick in its node, of a cell in its brick.
+#[inline(always)]
+const fn bit(at: [i32; 3]) -> u32 {
+    (at[0] & 3 | (at[1] & 3) << 2 | (at[2] & 3) << 4) as u32
+}
 
 impl Frustum {
     /// Interval of the i-th minor axis on the slab between planes a and b of the major one. The least of linear functions is concave, the
@@ -35,7 +39,7 @@ impl Frustum {
         [wider[0] - WIDER, wider[1] + WIDER]
     }
 
-    /// As [`Frustum::side`], for the slab of blocks of `1 << log` cubes with index `slice`, in such blocks up to `last`; empty where the
+    /// As [`Frustum::side`], for the slab of blocks of `1 << log` cells with index `slice`, in such blocks up to `last`; empty where the
     /// frustum lies outside.
     #[inline(always)]
     fn blocks(&self, i: usize, slice: i32, log: u32, last: i32) -> [i32; 2] {
@@ -52,7 +56,7 @@ fn steps([lo, hi]: [i32; 2], down: bool) -> impl Iterator<Item = i32> {
     (0..=hi - lo).map(move |n| if down { hi - n } else { lo + n })
 }
 
-/// A brick's word of cubes with the cubes in the order of travel: bit b is that of cube b ^ flip.
+/// A brick's word of cells with the cells in the order of travel: bit b is that of cell b ^ flip.
 #[inline(always)]
 fn in_order(mut word: u64, flip: u32) -> u64 {
     const EVEN: [u64; 6] = [
@@ -88,37 +92,54 @@ fn covered(s: &Seen, x: f64, y: f64) -> u32 {
     columns & rows as u32
 }
 
-/// What packets cross: the active bricks and cubes of a volume, and what is done in a cube.
-pub(super) trait Lattice {
-    /// Cubes per axis.
+/// What packets cross: the active bricks and cells of a volume, and what is done in a cell.
+pub trait Cells {
+    /// The rays on their way.
+    fn rays(&mut self) -> &mut Rays;
+    /// Cells per axis.
     fn size(&self) -> [i32; 3];
-    /// The active bricks of a node.
+    /// The active bricks (4^3 cells) of a node (16^3), bit x + 4y + 16z.
     fn node(&self, node: [i32; 3]) -> u64;
-    /// Turns to an active brick; gives its active cubes.
+    /// Turns to an active brick; gives its active cells.
     fn brick(&mut self, brick: [i32; 3]) -> u64;
-    /// Takes those rays of the given blocks through an active cube, bit `b` of the brick, that meet it.
-    fn cube(&mut self, p: &mut Packet, blocks: u32, cube: [i32; 3], b: u32, work: &mut Work);
+    /// Takes those rays of the given blocks through an active cell, bit `bit` of the brick, that meet it.
+    fn cell<S: Lanes>(&mut self, blocks: u32, cell: [i32; 3], bit: u32);
+}
+
+/// Work done on the way.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Crossed {
+    /// Slices of nodes.
+    pub nodes: u64,
+    /// Active bricks that the tile covers.
+    pub bricks: u64,
 }
 
 /// What a tile knows on its way.
-pub(super) struct Crossing<'a> {
+#[derive(Debug)]
+pub struct Crossing<'a> {
     view: &'a Projection,
     /// Upper left pixel.
     x: f64,
     y: f64,
+    /// As in [`Place::shift`].
+    shift: f64,
     down: [bool; 3],
-    /// Bits of a cube's index to turn round.
+    /// Bits of a cell's index to turn round.
     flip: u32,
 }
 
 impl<'a> Crossing<'a> {
+    /// For a packet that has been started.
     #[inline(always)]
-    pub(super) fn new(p: &Packet, tile: Tile, view: &'a Projection) -> Self {
+    #[must_use]
+    pub fn new<D: Space>(p: &Rays, place: &Place<'_, D>, view: &'a Projection) -> Self {
         let far = three(|a| u32::from(p.down[a]));
         Self {
             view,
-            x: tile.x as f64,
-            y: tile.y as f64,
+            x: place.tile.x as f64,
+            y: place.tile.y as f64,
+            shift: place.shift,
             down: p.down,
             flip: far[0] * 3 + far[1] * 12 + far[2] * 48,
         }
@@ -126,8 +147,9 @@ impl<'a> Crossing<'a> {
 
     /// Takes the packet through the volume until all its rays have ended.
     #[inline(always)]
-    pub(super) fn cross<L: Lattice>(&self, cubes: &mut L, p: &mut Packet, frustum: &Frustum, work: &mut Work) {
-        let size = cubes.size();
+    pub fn cross<S: Lanes, C: Cells>(&self, cells: &mut C, frustum: &Frustum) -> Crossed {
+        let mut work = Crossed::default();
+        let size = cells.size();
         let last = three(|a| (size[a] - 1) >> 2);
         let k = frustum.major;
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
@@ -152,7 +174,7 @@ impl<'a> Crossing<'a> {
             let mut any = 0;
             for v in steps(nj, false) {
                 for u in steps(ni, false) {
-                    any |= cubes.node(turned([node, u, v]));
+                    any |= cells.node(turned([node, u, v]));
                 }
             }
             if any == 0 {
@@ -164,63 +186,51 @@ impl<'a> Crossing<'a> {
                 for v in steps(bj, self.down[j]) {
                     for u in steps(bi, self.down[i]) {
                         let at = turned([slice, u, v]);
-                        let word = cubes.node(three(|a| at[a] >> 2));
+                        let word = cells.node(three(|a| at[a] >> 2));
                         if word >> bit(at) & 1 != 0 {
-                            self.brick(cubes, p, at, work);
-                            if p.blocks == 0 {
-                                return;
+                            self.brick::<S, C>(cells, at, &mut work);
+                            if cells.rays().blocks == 0 {
+                                return work;
                             }
                         }
                     }
                 }
             }
         }
+        work
     }
 
     #[inline(always)]
-    fn brick<L: Lattice>(&self, cubes: &mut L, p: &mut Packet, brick: [i32; 3], work: &mut Work) {
-        let seen = self.view.seen(three(|a| f64::from(brick[a] << 2) + 2.0 - SHIFT), 2.0);
-        let mut blocks = p.blocks;
+    fn brick<S: Lanes, C: Cells>(&self, cells: &mut C, brick: [i32; 3], work: &mut Crossed) {
+        let seen = self.view.seen(three(|a| f64::from(brick[a] << 2) + 2.0 - self.shift), 2.0);
+        let mut blocks = cells.rays().blocks;
         let mut size = None;
-        if let Some((s, cube)) = seen {
+        if let Some((s, cell)) = seen {
             blocks &= covered(&s, self.x, self.y);
             if blocks == 0 {
                 return;
             }
             if blocks & (blocks - 1) != 0 {
-                size = Some(cube);
+                size = Some(cell);
             }
         }
         work.bricks += 1;
-        let mut left = in_order(cubes.brick(brick), self.flip);
+        let mut left = in_order(cells.brick(brick), self.flip);
         while left != 0 {
             let at = left.trailing_zeros() ^ self.flip;
             left &= left - 1;
-            let cube = [
+            let cell = [
                 brick[0] << 2 | (at & 3) as i32,
                 brick[1] << 2 | (at >> 2 & 3) as i32,
                 brick[2] << 2 | (at >> 4) as i32,
             ];
-            let mut live = blocks & p.blocks;
+            let mut live = blocks & cells.rays().blocks;
             if let Some(size) = &size {
-                let c = three(|a| f64::from(cube[a]) + 0.5 - SHIFT);
-                live &= covered(&self.view.cube(c, size), self.x, self.y);
+                let c = three(|a| f64::from(cell[a]) + 0.5 - self.shift);
+                live &= covered(&self.view.cell(c, size), self.x, self.y);
             }
             if live != 0 {
-                cubes.cube(p, live, cube, at, work);
-            }
-        }
-    }
-}
-
-impl Packet {
-    /// Takes rays that have ended out of the blocks of a set.
-    #[inline(always)]
-    pub(super) fn end(&mut self, blocks: u32) {
-        for b in ones(blocks) {
-            self.alive[b] &= !(self.hit[b] | self.single[b]);
-            if self.alive[b] == 0 {
-                self.blocks &= !(1 << b);
+                cells.cell::<S>(live, cell, at);
             }
         }
     }
@@ -231,12 +241,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cubes_are_put_in_the_order_of_travel() {
+    fn cells_are_put_in_the_order_of_travel() {
         let word = 0x8421_0ff0_1357_9bdf;
         for flip in [0, 3, 12, 48, 15, 51, 60, 63] {
             let turned = in_order(word, flip);
             for b in 0..64u32 {
-                assert_eq!(turned >> b & 1, word >> (b ^ flip) & 1, "cube {b}, flip {flip}");
+                assert_eq!(turned >> b & 1, word >> (b ^ flip) & 1, "cell {b}, flip {flip}");
             }
         }
     }

@@ -1,20 +1,31 @@
 //! What open clipping planes leave of a ray, with what rounding can hide.
 //!
 //! The planes' parameters are rounded, and a hit within their error of a cut is kept or lost by chance. So the kept part is known three times: as rounded, which is
-//! what is drawn; so large that no kept point is lost; and so small that every point of it is kept. The difference goes into [`crate::space::Walk::loose`], as it does for the faces of the
-//! domain: near a cut the sign of the field is then in doubt, and what is found there is drawn but not proved.
+//! what is drawn; so large that no kept point is lost; and so small that every point of it is kept. Between the last two the sign of the field is in doubt, as it is at the faces of the
+//! domain, and what is found there is drawn but not proved.
 
-use crate::space::U;
+use glam::DVec3;
 use isobar_core::{ClipPlane, Ray};
+
+/// Unit roundoff of f64.
+const U: f64 = 0.5 * f64::EPSILON;
 
 /// Which of the three parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Side {
+pub enum Side {
+    /// As rounded: what is drawn.
     Rounded,
     /// Holds every kept point.
     Outer,
     /// Holds kept points alone.
     Inner,
+}
+
+/// No point of a box of the world lies further along the ray than half of this: the other half is for what is rounded, and for directions that are not of length one.
+#[inline]
+#[must_use]
+pub fn reach(ray: &Ray, (lo, hi): (DVec3, DVec3)) -> f64 {
+    2.0 * (ray.origin - lo).abs().max((ray.origin - hi).abs()).length() / ray.direction.length()
 }
 
 /// First and last t >= 0 that all planes keep; nothing is kept where the first is the greater. `reach`: at least twice the greatest t that matters, which leaves the branch for
@@ -23,7 +34,8 @@ pub(crate) enum Side {
 /// The distance left to a plane at t is `rest + t rate` with the rate towards it negative. In exact arithmetic rest is `distance - normal . origin`, rounded by at most 5u (|distance| +
 /// |normal| . |origin|), and t rate is rounded by at most 4u t |normal| . |direction|: 16u of the sum leaves room for the division.
 #[inline]
-pub(crate) fn kept(ray: &Ray, clips: &[ClipPlane], reach: f64, side: Side) -> (f64, f64) {
+#[must_use]
+pub fn kept(ray: &Ray, clips: &[ClipPlane], reach: f64, side: Side) -> (f64, f64) {
     let nothing = (f64::INFINITY, f64::NEG_INFINITY);
     let (mut first, mut last) = (0.0f64, f64::INFINITY);
     for c in clips {
@@ -59,7 +71,7 @@ pub(crate) fn kept(ray: &Ray, clips: &[ClipPlane], reach: f64, side: Side) -> (f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isobar_core::{DVec3, View};
+    use isobar_core::View;
 
     fn plane(normal: DVec3, distance: f64) -> ClipPlane {
         ClipPlane {
