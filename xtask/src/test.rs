@@ -56,6 +56,10 @@ pub(crate) fn test(full: bool, no_install: bool) -> Result<bool> {
                 "run",
                 "--workspace",
                 "--no-fail-fast",
+                // Not the examples, which lints have looked at.
+                "--lib",
+                "--bins",
+                "--tests",
                 "--success-output",
                 "immediate",
             ]),
