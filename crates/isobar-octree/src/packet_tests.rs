@@ -164,7 +164,7 @@ fn packets_agree_with_single_rays_and_the_oracle() {
         for (i, view) in views(data).iter().enumerate() {
             let name = format!("grid {g}, view {i}");
             let hits = agree(&name, Kind::Trilinear, data, &[surface(0.75, 1.0)], view, &ASKED);
-            assert!(hits > 1000 || i == 4, "{name}: {hits} hits");
+            assert!(hits > 100 || i == 4, "{name}: {hits} hits");
         }
     }
 }
