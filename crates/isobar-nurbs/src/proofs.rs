@@ -244,6 +244,31 @@ fn a_kink_at_a_face_is_hit_once() {
     }
 }
 
+/// A root that touches at a face is two crossings, one from each cell, between two others (hardcases C4): none of the three is lost, whichever cell's comes first.
+#[test]
+fn a_touching_root_at_a_face_hides_no_other() {
+    let samples: Vec<f32> = (0..20).map(|i| [1.0, -1.0, 0.0, -1.0, 1.0][i % 5]).collect();
+    let grid = Grid::new(
+        [5, 2, 2],
+        DVec3::ONE,
+        DVec3::ZERO,
+        DMat3::IDENTITY,
+        Samples::F32(samples.into()),
+    )
+    .unwrap();
+    let rays = [0.0, 0.37, 0.5, 1.0].map(|y| Ray {
+        origin: DVec3::new(-1.25, y, 0.3),
+        direction: DVec3::X,
+    });
+    let (_, frame) = checked(
+        &Arc::new(Data::Grid(grid)),
+        &[Surface::isovalue(0.0, 0)],
+        &View::rays(rays.to_vec()),
+        Knobs::default(),
+    );
+    assert_eq!(frame.hits, [3; 4], "{:?}", frame.t);
+}
+
 /// The same frames as from elements, all hits, from inside too; COVERED as well.
 #[test]
 fn cells_and_elements_agree() {

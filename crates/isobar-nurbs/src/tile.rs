@@ -99,23 +99,37 @@ impl Kernel for DrawTile<'_, '_> {
 
 /// Roots of a grid's cells, sorted, without those that a kink at a face would show twice: each of two cells may find the one crossing just beyond its own side, and their
 /// slopes may put these farther apart than their errors. A continuous function does not cross twice the same way with nothing between, so of two such crossings, of which at
-/// least one is at a face, the better known stays, without a claim.
+/// least one is at a face, the better known stays, without a claim. Where a crossing the other way may lie between them, or beside one of them within the errors (a touching root at a face is
+/// two crossings, one from each cell, in either order), both stay.
 fn once_at_faces(found: &[Found], f: &Frustum) -> Vec<Found> {
     let mut out: Vec<Found> = Vec::with_capacity(found.len());
     let way = |x: &Found| x.normal.dot(f.rays[usize::from(x.pixel)].ray.direction);
-    for next in found {
-        let own = out.iter_mut().rev().take_while(|o| o.pixel == next.pixel);
-        let crossing = |x: &Found| x.certain || x.face;
-        match own.into_iter().find(|o| o.surface == next.surface) {
-            Some(last) if (last.face || next.face) && crossing(last) && crossing(next) && way(last) * way(next) > 0.0 => {
-                let better = next.certain && !last.certain || next.certain == last.certain && next.error < last.error;
-                if better {
-                    *last = *next;
+    for own in found.chunk_by(|a, b| a.pixel == b.pixel) {
+        let begin = out.len();
+        for next in own {
+            let crossing = |x: &Found| x.certain || x.face;
+            let between = |last: &Found| {
+                let (from, to) = (last.t - last.error, next.t + next.error);
+                let back = |o: &&Found| o.surface == next.surface && way(o) * way(next) <= 0.0;
+                own.iter().filter(back).any(|o| o.t + o.error >= from && o.t - o.error <= to)
+            };
+            match out[begin..].iter_mut().rev().find(|o| o.surface == next.surface) {
+                Some(last)
+                    if (last.face || next.face)
+                        && crossing(last)
+                        && crossing(next)
+                        && way(last) * way(next) > 0.0
+                        && !between(last) =>
+                {
+                    let better = next.certain && !last.certain || next.certain == last.certain && next.error < last.error;
+                    if better {
+                        *last = *next;
+                    }
+                    last.certain = false;
+                    last.face = true;
                 }
-                last.certain = false;
-                last.face = true;
+                _ => out.push(*next),
             }
-            _ => out.push(*next),
         }
     }
     out
