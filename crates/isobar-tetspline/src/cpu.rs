@@ -91,7 +91,7 @@ pub struct TetsplineCpu;
 ///
 /// All hits in order. Guarantee with `roots=certified` and `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none before it, with EMPTY none at
 /// all; the proof is the bound derived in `ray.rs`. A pixel without them was not decided: the ray touches the surface, or passes an end of the domain or a plateau, within
-/// that bound (about 1e-12 of the range of the data for ordinary views). With clipping planes only EXISTS is claimed, and of closed cuts nothing.
+/// that bound (about 1e-12 of the range of the data for ordinary views). Single rays that clipping planes cut claim EXISTS alone, and of closed cuts nothing is claimed.
 pub static TETSPLINE_CPU: TetsplineCpu = TetsplineCpu;
 
 impl Method for TetsplineCpu {
