@@ -133,8 +133,10 @@ impl Prover {
 
     /// The claims about pixel `i`, whose first hit is `t` of `surface`, and the bound of EXISTS. `voxel`: its length in units of t.
     fn claim(&mut self, i: usize, t: f64, surface: u8, voxel: f64) -> (Claim, f64) {
-        let (claim, proved) = (self.frame.claim[i], self.frame.t[i]);
         let none = (Claim::empty(), f64::INFINITY);
+        let (Some(&claim), Some(&proved)) = (self.frame.claim.get(i), self.frame.t.get(i)) else {
+            return none;
+        };
         let same = if t.is_finite() {
             (t - proved).abs() <= SAME_VOXELS * voxel && surface == self.frame.surface[i]
         } else {

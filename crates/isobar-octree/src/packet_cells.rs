@@ -253,7 +253,7 @@ impl<T: Sample> Cells for LinearCells<'_, T> {
             let least = q[0].min(q[1]).min(q[2].min(q[3]));
             let greatest = q[0].max(q[1]).max(q[2].max(q[3]));
             let (mut hit, mut alone) = (0, 0);
-            for (value, v) in (0u8..).zip(&self.values) {
+            for (v, value) in self.values.iter().zip(0u8..) {
                 let maybe = inside & !least.above(S::splat(v.shift + v.bound)) & !S::splat(v.shift - v.bound).above(greatest);
                 if maybe == 0 {
                     continue;

@@ -136,7 +136,7 @@ impl Oracles {
         check_clips(clips)?;
         check_surfaces(function.as_ref(), surfaces)?;
         let mut all: Vec<(u8, Oracle)> = Vec::new();
-        for (i, s) in (0..).zip(surfaces) {
+        for (s, i) in surfaces.iter().zip(0..) {
             if s.opacity > 0.0 {
                 let oracle = match all.first() {
                     Some((_, o)) => o.with_surface(s.kind),

@@ -25,7 +25,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let at = i / stride % count;
     var sum = weights[0] * source[i];
     for (var k = 1u; k < arrayLength(&weights); k++) {
-        sum += weights[k] * (source[i - min(k, at) * stride] + source[i + min(k, count - 1u - at) * stride]);
+        sum += weights[k] * source[i - min(k, at) * stride] + weights[k] * source[i + min(k, count - 1u - at) * stride];
     }
     smoothed[i] = sum;
 }

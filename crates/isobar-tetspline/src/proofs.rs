@@ -22,8 +22,13 @@ fn grid(n: usize, spacing: DVec3, axes: DMat3, sample: impl Fn([usize; 3]) -> f3
 
 /// Draws the rays with every reconstruction; the oracle refutes nothing.
 fn hold(name: &str, data: &Arc<Data>, isovalue: f64, rays: &[Ray]) {
-    let surfaces = [Surface::isovalue(isovalue, 0)];
     let view = View::rays(rays.to_vec());
+    hold_view(name, data, &[Surface::isovalue(isovalue, 0)], &view);
+}
+
+/// As [`hold`], for a view of several surfaces; gives the hits.
+fn hold_view(name: &str, data: &Arc<Data>, surfaces: &[Surface], view: &View) -> usize {
+    let mut hits = 0;
     for kind in ["type6", "type6-prefiltered"] {
         let mut r = TETSPLINE_CPU
             .open(&Request {
@@ -35,16 +40,34 @@ fn hold(name: &str, data: &Arc<Data>, isovalue: f64, rays: &[Ray]) {
         if let Err(e) = r.set_data(data) {
             panic!("{name}, {kind}: {e}");
         }
-        r.set_surfaces(&surfaces).unwrap();
-        r.set_view(&view).unwrap();
+        r.set_surfaces(surfaces).unwrap();
+        r.set_view(view).unwrap();
         r.render(&Stop::default()).unwrap();
         let mut frame = Frame::default();
         r.read(&mut frame).unwrap();
         let f = r.reconstruction(Stage::Stored).unwrap();
-        let truth = Truth::compute(&f, &surfaces, &view, &Stop::default()).unwrap();
-        let c = check(&frame, &truth, &f, &surfaces, &view).unwrap();
+        let truth = Truth::compute(&f, surfaces, view, &Stop::default()).unwrap();
+        let c = check(&frame, &truth, &f, surfaces, view).unwrap();
         assert_eq!(c.refuted, 0, "{name}, {kind}: {:?} {:?}", frame.t, frame.claim);
+        hits += c.hits;
     }
+    hits
+}
+
+/// Coefficients are worked out less the lowest isovalue: what that rounds away of the others belongs to their bounds, in packets and alone. And 255 isovalues are as many as fit.
+#[test]
+fn isovalues_far_from_the_data() {
+    let noise = |[i, j, k]: [usize; 3]| ((i * 7 + j * 13 + k * 29) % 17) as f32 / 17.0;
+    let data = grid(12, DVec3::ONE, DMat3::IDENTITY, noise);
+    let view = View::fit(data.bounds(), 40.0, 32, 24);
+    for far in [-1e13, -1e9, 1e13] {
+        let surfaces = [Surface::isovalue(far, 0), Surface::isovalue(0.5, 1)];
+        assert!(hold_view(&format!("{far}"), &data, &surfaces, &view) > 300);
+    }
+    let many: Vec<_> = (0..255)
+        .map(|i| Surface::isovalue(f64::from(i) / 255.0, i as usize))
+        .collect();
+    assert!(hold_view("255", &data, &many, &view) > 300);
 }
 
 #[test]

@@ -4,7 +4,7 @@
 //! grid| + |t d|)/spacing + 4u n (four roundings of terms of that size; that of a plane's parameter, seen across the plane, is of the same size; 24 leaves a factor of
 //! two). M is the greatest |datum - c| of the volume. The four barycentric coordinates are off by 10 E together, and each of the three arguments of a blossom moves it by as much of M.
 //! - A coefficient of a tetrahedron costs 14uM (one difference, sums of at most 9 terms that amount to at most 192M, one division), a step of de Casteljau's rule 7uM, another
-//!   isovalue 2uM, an evaluation of the cubic 14uM.
+//!   isovalue 2uM (M then the greater of its own and that of the first isovalue, which coefficients are relative to), an evaluation of the cubic 14uM.
 //! - The value at an end: 30EM + (14 + 3 * 7)uM.
 //! - The inner coefficients add a third of the slope times the length: the `b^[2]` there, off by 20EM + 28uM, times the change of the barycentric coordinates along the segment, at most
 //!   5 together (its length is at most sqrt(3)/2): 100EM + 140uM, 35uM for the sum itself, and 12EM because the length of the segment is off by 2E.

@@ -276,7 +276,8 @@ impl<T: Datum> Search<'_, T> {
             let (least, greatest) = hull(&cube::patch(&data, kind));
             let c = self.bounds[0].isovalue;
             let on = self.bounds.iter().any(|b| {
-                let (c, m) = (b.isovalue - c, b.margin());
+                // Coefficients are rounded relative to the first isovalue.
+                let (c, m) = (b.isovalue - c, b.margin().max(self.bounds[0].margin()));
                 least - c <= m && greatest - c >= -m
             });
             mask |= u32::from(on) << kind;
@@ -356,7 +357,8 @@ impl<T: Datum> Search<'_, T> {
         found.clear();
         for (n, (bounds, chain)) in self.bounds.iter().zip(&mut way.scratch.chains).enumerate() {
             let c = bounds.isovalue - self.bounds[0].isovalue;
-            let bound = self.margin * bounds.size;
+            // Coefficients are those of the first isovalue, shifted: what rounds them is of its size too.
+            let bound = self.margin * bounds.size.max(self.bounds[0].size);
             let mut take = |f: Found| found.push((f, n));
             if least - c > bound {
                 chain.pass(1, &mut take);

@@ -202,6 +202,9 @@ impl<const N: usize> Pending<N> {
         if let Some(to) = self.value[n..].first_chunk_mut::<LANES>() {
             *to = [value; LANES];
         }
+        if let Some(to) = self.kind[n..].first_chunk_mut::<LANES>() {
+            *to = [0; LANES];
+        }
         self.count += m.count_ones() as usize;
     }
 

@@ -349,7 +349,7 @@ impl<S: Spline> Cells for SmoothCells<'_, S> {
             }
             let middle = q[0];
             let (mut hit, mut alone) = (0, 0);
-            for (value, v) in (0u8..).zip(&self.values) {
+            for (v, value) in self.values.iter().zip(0u8..) {
                 q[0] = middle.sub(L::splat(v.shift));
                 let maybe = inside & !q[0].abs().above(others.add(L::splat(v.bound)));
                 if maybe == 0 {

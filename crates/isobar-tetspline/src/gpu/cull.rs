@@ -34,7 +34,9 @@ pub(super) fn planes(view: &View, domain: &Domain) -> Option<Planes> {
         let lowest = d + (a * domain.hi).min(DVec3::ZERO).element_sum();
         whole &= lowest - half >= 0.0;
         let d = d + half + slack;
-        *to = [a.x, a.y, a.z, d].map(|v| v as f32);
+        // Of any scale: voxels may be larger than f32 holds.
+        let size = a.abs().max_element().max(d.abs());
+        *to = [a.x, a.y, a.z, d].map(|v| (v / size) as f32);
     }
     (!whole).then_some(out)
 }

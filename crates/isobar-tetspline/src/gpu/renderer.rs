@@ -417,10 +417,16 @@ impl Renderer for TetsplineRenderer {
         let settings = self.settings;
         let old = self.prepared.as_ref();
         let prepared = self.pool.install(|| Prepared::new(&self.gpu, data, &settings, old))?;
-        if let Some(p) = &mut self.prover {
-            p.set(Some(&prepared.drawn), None, None)?;
+        let told = match &mut self.prover {
+            Some(p) => p.set(Some(&prepared.drawn), None, None),
+            None => Ok(()),
+        };
+        let result = told.and_then(|()| self.replace(prepared, &settings));
+        if result.is_err() {
+            // The samples may stand in the old texture already: nothing of the step before is drawn with them.
+            (self.prepared, self.listed, self.drawn) = (None, None, false);
         }
-        self.replace(prepared, &settings)
+        result
     }
 
     fn set_surfaces(&mut self, surfaces: &[Surface]) -> Result<(), RenderError> {

@@ -316,7 +316,7 @@ impl Cubes<'_> {
             let c = blossom(&b, lines.at(t0), lines.at(t1));
             let least = c[0].min(c[1]).min(c[2].min(c[3]));
             let greatest = c[0].max(c[1]).max(c[2].max(c[3]));
-            for (value, v) in (0u8..).zip(self.values) {
+            for (v, value) in self.values.iter().zip(0u8..) {
                 let maybe = held & !least.above(S::splat(v.shift + v.bound)) & !S::splat(v.shift - v.bound).above(greatest);
                 if maybe == 0 {
                     continue;

@@ -145,7 +145,7 @@ fn values(bounds: &[Bounds], margin: f64) -> Vec<Value> {
         .map(|b| Value {
             shift: scale * (b.isovalue - bounds[0].isovalue),
             bound: scale * margin * b.size.max(bounds[0].size),
-            margin: scale * b.margin(),
+            margin: scale * b.margin().max(bounds[0].margin()),
         })
         .collect()
 }
