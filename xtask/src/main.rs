@@ -1,8 +1,9 @@
-//! The project's commands: `cargo xtask test`, `cargo xtask report`, `cargo xtask data`.
+//! The project's commands: `cargo xtask test`, `cargo xtask report`, `cargo xtask check`, `cargo xtask data`.
 //!
 //! This crate stays quick to compile: it starts cargo and the crate `isobar-report`, and counts what tests say.
 
 mod adapter;
+mod check;
 mod report;
 mod run;
 mod test;
@@ -16,7 +17,8 @@ The project's commands.
 
 cargo xtask test [--full] [--no-install]
     Formatting, lints, all tests, doc tests, documentation and the feature check. Ends with one line `N passed, N failed, N skipped`.
-    --full         also runs every fuzz target for ten minutes (cargo-fuzz and a nightly toolchain are needed)
+    --full         longer forms of some tests (ISOBAR_FULL=1: a million rays per hard element of isobar-nurbs), and every fuzz
+                   target for ten minutes (cargo-fuzz and a nightly toolchain are needed)
     --no-install   never installs the software Vulkan driver; the command to type is printed instead
 
 cargo xtask report [--full] [--record] [--only NAME[,NAME]] [--no-bench] [--no-install]
@@ -26,6 +28,10 @@ cargo xtask report [--full] [--record] [--only NAME[,NAME]] [--no-bench] [--no-i
     --only         only the definitions named
     --no-bench     leaves the pass of criterion benches out
     --no-install   as above
+
+cargo xtask check [--size WxH] [--only METHOD]
+    `isobar check --strict` of every method that claims, on three synthetic fields and every file and isovalue of MANIFEST.tsv in ISOBAR_DATA
+    (default ../shared/data); writes the table reports/checked.md. Fails where a pixel is missed, false or wrong, or a claim refuted.
 
 cargo xtask data [--no-generate]
     Lists the data of bench-data, verifies their sha256 and generates the cached seeded data under bench-data/cache.
@@ -59,8 +65,9 @@ fn dispatch(args: &[String]) -> Result<bool> {
             test::test(flags[0], flags[1])
         }
         "report" => report::report(rest),
+        "check" => check::check(rest),
         "data" => report::data(rest),
-        other => bail!("there is no command {other}; the commands are test, report and data (cargo xtask --help)"),
+        other => bail!("there is no command {other}; the commands are test, report, check and data (cargo xtask --help)"),
     }
 }
 

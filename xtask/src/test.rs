@@ -32,6 +32,10 @@ pub(crate) fn test(full: bool, no_install: bool) -> Result<bool> {
         // A GPU test that finds no adapter fails instead of saying SKIPPED.
         adapter.env.push(("ISOBAR_REQUIRE_GPU", "1".into()));
     }
+    if full {
+        // Tests with a longer form: as many random rays as their README says.
+        adapter.env.push(("ISOBAR_FULL", "1".into()));
+    }
     let mut run = Run {
         steps: Vec::new(),
         adapter,
