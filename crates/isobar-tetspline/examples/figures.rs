@@ -1,8 +1,9 @@
 //! Figures of Kalbe et al. 2009, as PNG files in a folder: `cargo run --release -p isobar-tetspline --example figures -- FOLDER [MESH.off]`.
 //!
 //! - `fig5-*.png`: the function x^16 + y^16 + z^16 - cos 7x - cos 7y - cos 7z on 64^3 samples at four isovalues, plain and with texture.
-//! - `fig6.png`: cuts through two isosurfaces of the same data, closed (their Fig. 6, left, clips a head).
-//! - `fig7.png`, `fig7-close.png`: the head of a dragon (the signed distance to a mesh at 256^3) with texture, and a close-up at its silhouette with the curves on the faces of cubes.
+//! - `fig6.png`: a closed cut through two isosurfaces of the same data (their Fig. 6, left, clips a head).
+//! - `fig7.png`, `fig7-mouth.png`, `fig7-silhouette.png`, with a mesh: the signed distance to it at 256^3 with texture, and two close-ups with the curves on the faces of cubes, one into the mouth as theirs and
+//!   one at the silhouette, further in. Meant for the mesh ChineseDragon-10kv.off, which looks along +z; theirs is another dragon.
 
 #[path = "common/distance.rs"]
 mod distance;
@@ -23,7 +24,7 @@ fn main() -> Result<()> {
     let folder = Path::new(&folder);
     std::fs::create_dir_all(folder)?;
     let chmutov = Arc::new(Data::Grid(chmutov()?));
-    let view = View::perspective(DVec3::new(2.6, 1.9, 2.2), DVec3::ZERO, DVec3::Z, 38.0, SIZE[0], SIZE[1]);
+    let view = View::fit(chmutov.bounds(), 38.0, SIZE[0], SIZE[1]);
     for (n, isovalue) in [-1.2, -0.6, 0.0, 0.8].into_iter().enumerate() {
         for texture in ["plain", "marble"] {
             let knobs = Knobs::default().with("texture", texture);
@@ -83,26 +84,28 @@ fn dragon(mesh: &Path, folder: &Path) -> Result<()> {
     let grid = distance::field(&isobar_io::load_mesh(mesh)?, 256)?;
     let data = Arc::new(Data::Grid(grid));
     let surface = [Surface::isovalue(0.0, 2)];
-    let whole = View::fit(data.bounds(), 40.0, SIZE[0], SIZE[1]);
-    let marble = Knobs::default().with("texture", "marble");
-    let frame = draw(&data, &surface, &whole, marble.clone(), &folder.join("fig7.png"))?;
-    // A silhouette: the first pixel from the left of the middle row that hits; close by, the same ray is in the middle.
-    let row = SIZE[1] / 2;
-    let hit = (0..SIZE[0]).map(|x| row * SIZE[0] + x).find(|i| frame.t[*i].is_finite());
-    let at = frame.point[hit.ok_or("the middle row hits nothing")?];
-    let isobar_core::Camera::Perspective { eye, up, .. } = whole.camera else {
-        return Err("a perspective".into());
-    };
     let (lo, hi) = data.bounds();
-    let close = at + (eye - at).normalize() * (hi - lo).max_element() * 0.12;
-    let view = View::perspective(close, at, up, 40.0, SIZE[0], SIZE[1]);
+    let (middle, size) = ((lo + hi) * 0.5, (hi - lo).max_element());
+    let look = |eye: DVec3, at: DVec3| View::perspective(eye, at, DVec3::Y, 30.0, SIZE[0], SIZE[1]);
+    let eye = middle + DVec3::new(0.9, 0.25, 1.0).normalize() * (2.15 * size);
+    let marble = Knobs::default().with("texture", "marble");
+    let curves = marble.clone().with("overlay", "curves");
+    let frame = draw(&data, &surface, &look(eye, middle), marble, &folder.join("fig7.png"))?;
+    let mouth = DVec3::new(middle.x, lo.y + 0.74 * size, hi.z - 0.1 * size);
+    let beside = mouth + DVec3::new(1.0, 0.1, 0.55).normalize() * (0.3 * size);
     draw(
         &data,
         &surface,
-        &view,
-        marble.with("overlay", "curves"),
-        &folder.join("fig7-close.png"),
+        &look(beside, mouth),
+        curves.clone(),
+        &folder.join("fig7-mouth.png"),
     )?;
+    // A silhouette: the first pixel from the left of a row that hits; close by, the same ray is in the middle.
+    let row = SIZE[1] / 3;
+    let hit = (0..SIZE[0]).map(|x| row * SIZE[0] + x).find(|i| frame.t[*i].is_finite());
+    let at = frame.point[hit.ok_or("the row hits nothing")?];
+    let close = at + (eye - at).normalize() * size * 0.1;
+    draw(&data, &surface, &look(close, at), curves, &folder.join("fig7-silhouette.png"))?;
     Ok(())
 }
 

@@ -1,7 +1,8 @@
-//! The table of Fig. 6, right (Kalbe et al. 2009), on the CPU: for each data set the isovalue, active cubes and tetrahedra, bytes, times of a change of the isovalue and of a frame:
+//! The table of Fig. 6, right (Kalbe et al. 2009): for each data set the isovalue, active cubes and tetrahedra, bytes, times of a change of the isovalue and of a frame:
 //! `cargo run --release -p isobar-tetspline --example reconstruct -- [FILE|NAME,n=64|dragon=MESH ISOVALUE]...`. Of 15 changes between two
 //! isovalues the median wall-clock time on all threads and, in brackets, the least CPU time summed over threads, which other work on the machine disturbs less; CPU time of a frame, median of 5, at 1280x1024
-//! in the default view, with coefficients on the fly and with stored determining sets (both drawn ray by ray), and of the default way (packets). `dragon=MESH.off`: the signed distance to a mesh at 256^3.
+//! in the default view, with coefficients on the fly and with stored determining sets (both drawn ray by ray, as frames with curves on the faces of cubes are), and of the default way (packets). `dragon=MESH.off`: the signed
+//! distance to a mesh at 256^3. With `--features gpu` and `gpu` as the first argument: `tetspline/gpu` instead, changes of the isovalue and frames with both variants.
 
 #[path = "common/distance.rs"]
 mod distance;
@@ -22,9 +23,16 @@ const CHANGES: usize = 15;
 const FRAMES: usize = 5;
 
 fn main() -> Result<()> {
-    let given: Vec<String> = std::env::args().skip(1).collect();
+    let mut given: Vec<String> = std::env::args().skip(1).collect();
+    let on_gpu = given.first().is_some_and(|g| g == "gpu");
+    if on_gpu {
+        given.remove(0);
+    }
     let defaults = ["gyroid,n=256", "0.2"].map(String::from);
     let given = if given.is_empty() { defaults.to_vec() } else { given };
+    if on_gpu {
+        return gpu_rows(&given);
+    }
     println!(
         "data | isovalue | active cubes: 27 data, coefficients | active tetrahedra | Q, T, sets in MB | cubes | cubes, hierarchy | \
          cubes and tetrahedra, hierarchy | sets | frame on the fly: first, next | frame stored | frame in packets"
@@ -100,11 +108,11 @@ fn row(spec: &str, isovalue: f64) -> Result<()> {
     let bytes = [mb(4 * kept), mb(4 * tets), mb(size_of_val(sets.as_slice()))];
     drop((plain, blocks, sets));
     let data = Arc::new(data);
-    // Work counted per pixel is counted ray by ray.
-    let alone = Channels::WORK;
-    let fly = frame(&data, isovalue, alone, "on-the-fly")?;
-    let set = frame(&data, isovalue, alone, "determining-set")?;
-    let packets = frame(&data, isovalue, Channels::empty(), "on-the-fly")?;
+    // What packets do not draw.
+    let alone = Knobs::default().with("overlay", "curves");
+    let fly = frame(&data, isovalue, alone.clone())?;
+    let set = frame(&data, isovalue, alone.with("coefficients", "determining-set"))?;
+    let packets = frame(&data, isovalue, Knobs::default())?;
     println!(
         "{} | {isovalue} | {cubes}, {kept} | {tets} | {:.1}, {:.1}, {:.1} | {without} | {with} | {both} | {stored} | \
          {fly} | {set} | {packets}",
@@ -127,11 +135,11 @@ fn cpu_ms() -> f64 {
 }
 
 /// CPU time of the first frame after a change of the isovalue, and of a further one.
-fn frame(data: &Arc<Data>, isovalue: f64, more: Channels, coefficients: &str) -> Result<String> {
+fn frame(data: &Arc<Data>, isovalue: f64, knobs: Knobs) -> Result<String> {
     let view = View::fit(data.bounds(), 40.0, 1280, 1024);
     let mut r = TETSPLINE_CPU.open(&Request {
-        channels: Channels::T | Channels::NORMAL | Channels::RGBA | more,
-        knobs: Knobs::default().with("coefficients", coefficients),
+        channels: Channels::T | Channels::NORMAL | Channels::RGBA,
+        knobs,
         ..Request::default()
     })?;
     r.set_data(data)?;
@@ -146,4 +154,76 @@ fn frame(data: &Arc<Data>, isovalue: f64, more: Channels, coefficients: &str) ->
         }
     }
     Ok(format!("{:.0}, {:.0}", median(first), median(next)))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn gpu_rows(_: &[String]) -> Result<()> {
+    Err("tetspline/gpu is there with --features gpu".into())
+}
+
+/// Rows of `tetspline/gpu`, one for each way to the coefficients.
+#[cfg(feature = "gpu")]
+fn gpu_rows(given: &[String]) -> Result<()> {
+    println!(
+        "data | isovalue | coefficients | active cubes | active tetrahedra | Q, T, sets in MB | change of the isovalue: wall (CPU) ms | frame: wall (CPU) ms"
+    );
+    for pair in given.chunks(2) {
+        let [spec, isovalue] = pair else {
+            return Err("an isovalue after each data set".into());
+        };
+        let (data, isovalue) = (Arc::new(load(spec)?), isovalue.parse()?);
+        for coefficients in ["on-the-fly", "determining-set"] {
+            let name = Path::new(spec).file_name().map_or(spec.into(), |n| n.to_string_lossy());
+            println!(
+                "{name} | {isovalue} | {coefficients} | {}",
+                gpu_row(&data, isovalue, coefficients)?
+            );
+        }
+    }
+    Ok(())
+}
+
+#[cfg(feature = "gpu")]
+fn gpu_row(data: &Arc<Data>, isovalue: f64, coefficients: &str) -> Result<String> {
+    const TIMES: usize = 3;
+    let mut r = isobar_tetspline::TETSPLINE_GPU.open(&Request {
+        channels: Channels::T | Channels::NORMAL | Channels::RGBA,
+        knobs: Knobs::default().with("coefficients", coefficients).with("cull", "off"),
+        ..Request::default()
+    })?;
+    r.set_data(data)?;
+    let view = View::fit(data.bounds(), 40.0, 1280, 1024);
+    // Nothing is to be seen to the other side: only the lists are made.
+    let mut away = view.clone();
+    if let isobar_core::Camera::Perspective { eye, target, .. } = &mut away.camera {
+        *target = 2.0 * *eye - *target;
+    }
+    let (mut changes, mut frames) = (Clock::default(), Clock::default());
+    let other = isovalue - 1e-3 * isovalue.abs().max(1.0);
+    r.set_view(&away)?;
+    for n in 0..=TIMES {
+        r.set_surfaces(&[Surface::isovalue(other, 0)])?;
+        r.render(&Stop::default())?;
+        r.set_surfaces(&[Surface::isovalue(isovalue, 0)])?;
+        // The first change compiles the kernels and lets the lists grow.
+        let mut warm = Clock::default();
+        let clock = if n == 0 { &mut warm } else { &mut changes };
+        clock.time(|| r.render(&Stop::default()))?;
+    }
+    r.set_view(&view)?;
+    r.render(&Stop::default())?;
+    for _ in 0..TIMES {
+        frames.time(|| r.render(&Stop::default()))?;
+    }
+    let counters = r.counters();
+    let of = |name: &str| counters.0.iter().find(|(n, _)| *n == name).map_or(0, |c| c.1);
+    let mb = |name: &str| of(name) as f64 / 1e6;
+    Ok(format!(
+        "{} | {} | {:.1}, {:.1}, {:.1} | {changes} | {frames}",
+        of("active cubes"),
+        of("active tetrahedra"),
+        mb("bytes of Q_active"),
+        mb("bytes of T_active"),
+        mb("bytes of determining sets"),
+    ))
 }

@@ -1,6 +1,6 @@
 //! Draws a scene with several settings, holds each frame against the oracle, and gives the CPU time of a frame (least of five, all threads):
 //! `cargo run --release -p isobar-tetspline --example verify -- FILE|NAME,n=64 ISOVALUE [WIDTHxHEIGHT] [gpu]`. `gpu`: `tetspline/gpu` and its variants,
-//! with `--features gpu`. `alone`: packets and, with work counted per pixel, single rays, drawn in turn. Synthetic data are seen in the bench view, files in the default one.
+//! with `--features gpu`. `alone`: packets and single rays (surfaces with curves on the faces of cubes, which packets do not draw), drawn in turn. Synthetic data are seen in the bench view, files in the default one.
 
 use isobar_core::{Channels, Data, Frame, Knobs, Method, Request, Stage, Stop, Surface, View};
 use isobar_fields::Synthetic;
@@ -14,32 +14,29 @@ fn cpu_seconds() -> f64 {
     t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9
 }
 
-/// A method and the settings it is drawn with: knobs, and channels besides the usual ones.
-type Settings = (&'static dyn Method, Vec<(Knobs, Channels)>);
+/// A method and the knobs it is drawn with.
+type Settings = (&'static dyn Method, Vec<Knobs>);
 
 fn method(name: &str) -> Result<Settings, Box<dyn std::error::Error>> {
-    let none = Channels::empty();
-    let plain = |all: Vec<Knobs>| all.into_iter().map(|k| (k, none)).collect();
     let with = |name: &'static str, value: &'static str| Knobs::default().with(name, value);
     match name {
         "cpu" => Ok((
             &isobar_tetspline::TETSPLINE_CPU,
-            plain(vec![
+            vec![
                 Knobs::default(),
                 with("classify", "data"),
                 with("roots", "newton3"),
                 with("classify", "paper"),
-            ]),
+            ],
         )),
-        // A frame that counts work is drawn ray by ray.
         "alone" => Ok((
             &isobar_tetspline::TETSPLINE_CPU,
-            vec![(Knobs::default(), none), (Knobs::default(), Channels::WORK)],
+            vec![Knobs::default(), with("overlay", "curves")],
         )),
         #[cfg(feature = "gpu")]
         "gpu" => Ok((
             &isobar_tetspline::TETSPLINE_GPU,
-            plain(vec![
+            vec![
                 Knobs::default(),
                 with("coefficients", "determining-set"),
                 with("roots", "hull"),
@@ -49,7 +46,7 @@ fn method(name: &str) -> Result<Settings, Box<dyn std::error::Error>> {
                 with("rays", "interpolated")
                     .with("roots", "newton3")
                     .with("classify", "paper"),
-            ]),
+            ],
         )),
         other => Err(format!("no method {other} here: cpu, alone, or gpu with --features gpu").into()),
     }
@@ -72,19 +69,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let surfaces = [Surface::isovalue(isovalue, 0)];
     let (method, settings) = method(&argument(4, "cpu"))?;
     let mut all = Vec::new();
-    for (knobs, more) in settings {
-        let mut text: Vec<String> = knobs.0.iter().map(|(k, v)| format!("{k}={v}")).collect();
-        if !more.is_empty() {
-            text.push("ray by ray".into());
-        }
+    for knobs in settings {
+        let text: Vec<String> = knobs.0.iter().map(|(k, v)| format!("{k}={v}")).collect();
         let request = Request {
-            channels: Channels::T
-                | Channels::NORMAL
-                | Channels::SURFACE
-                | Channels::RGBA
-                | Channels::CLAIM
-                | Channels::T_ERROR
-                | more,
+            channels: Channels::T | Channels::NORMAL | Channels::SURFACE | Channels::RGBA | Channels::CLAIM | Channels::T_ERROR,
             knobs,
             ..Request::default()
         };

@@ -28,6 +28,12 @@ struct View {
     plane: array<vec4<f32>, 14>,
     // orthographic: distance along the rays, in index space less `origin`
     along: vec4<f32>,
+    // one over the longest axis of the domain, in voxels
+    unit: f32,
+    // half the width of a curve, in world units over those of `gradients`: at distance 1, or of parallel rays everywhere
+    reach: f32,
+    // bit 0: texture, bit 1: curves
+    paint: u32,
 }
 
 @group(0) @binding(2) var<storage, read> levels: array<Level>;

@@ -74,21 +74,23 @@ fn second_step(q: Quadratic, p: vec4<f32>) -> vec4<f32> {
     );
 }
 
-// An octahedral map of the unit sphere, in two f32.
+// An octahedral map of the unit sphere: two numbers of 24 bits, above eight bits each that are left for the paint.
 fn packed(n: vec3<f32>) -> vec2<u32> {
     let size = abs(n.x) + abs(n.y) + abs(n.z);
     if !(size > 0.0) {
-        return vec2(0x7fc00000u, 0u);
+        return vec2(0x80000000u, 0u);
     }
     let m = n / size;
     let folded = (1.0 - abs(m.yx)) * select(vec2(-1.0), vec2(1.0), m.xy >= vec2(0.0));
-    return bitcast<vec2<u32>>(select(m.xy, folded, m.z < 0.0));
+    let p = clamp(select(m.xy, folded, m.z < 0.0), vec2(-1.0), vec2(1.0));
+    return bitcast<vec2<u32>>(vec2<i32>(round(p * 8388607.0))) << vec2(8u);
 }
 
-// Bits of the word beside the parameter: 0 to 15 whole half voxels, 16 to 23 the surface, 24 hit, 25 rising, 26 the parameter is a distance in the world.
+// Bits of the word beside the parameter: 0 to 15 whole half voxels, 16 to 23 the surface, 24 hit, 25 rising, 26 the parameter is a distance in the world, 27 on a curve.
 const HIT: u32 = 0x1000000u;
 const RISES: u32 = 0x2000000u;
 const WORLD: u32 = 0x4000000u;
+const CURVE: u32 = 0x8000000u;
 
 @fragment
 fn fs(in: Varying) -> Out {
@@ -116,9 +118,10 @@ fn fs(in: Varying) -> Out {
     let l = second_step(q, phi);
     // Equation (4): the gradients of the barycentric coordinates are those of the canonical frame.
     let g = vec3(2.0 * (l.y - l.x), (l.z + l.w) - 2.0 * l.y, l.z - l.w);
-    let normal = packed(normalize(view.gradients * (axes * g)));
-    let word = levels[found.level].surface << 16u | HIT | select(0u, RISES, found.rises);
-    return placed(in, span, found.s, phi, axes, word, normal);
+    let normal = normalize(view.gradients * (axes * g));
+    let paint = paint_of(in, phi, axes, normal);
+    let word = levels[found.level].surface << 16u | HIT | select(0u, RISES, found.rises) | select(0u, CURVE, (paint & 0x10000u) != 0u);
+    return placed(in, span, found.s, phi, axes, word, packed(normal) | vec2(paint & 0xffu, paint >> 8u & 0xffu));
 }
 
 // A hit of the layer before on this pixel, as parameter, level and direction.

@@ -2,6 +2,9 @@
 // is made anew from the whole each time, so nothing need be stacked.
 
 const DEEPEST: u32 = 22u;
+// Parts looked at for one isovalue, and half of what all isovalues may take together: a software driver ends the loops of a shader after 65,535 turns in all.
+const PARTS: u32 = 200u;
+const TURNS: u32 = 30000u;
 
 // The coefficients on [a, b], by blossoms.
 fn part_of(c: vec4<f32>, a: f32, b: f32) -> vec4<f32> {
@@ -19,7 +22,8 @@ fn first_root(c: vec4<f32>, wanted: i32) -> f32 {
     }
     var k = 0u;
     var depth = 0u;
-    for (var i = 0; i < 200; i++) {
+    let most = min(PARTS, TURNS / max(params.levels, 1u));
+    for (var i = 0u; i < most; i++) {
         let width = 1.0 / f32(1u << depth);
         let p = part_of(c, f32(k) * width, f32(k + 1u) * width);
         var next = is_clear(p);

@@ -1,22 +1,21 @@
 //! `tetspline/cpu` as a method.
 
-use crate::bricks::{Active, Bricks, Datum};
+use crate::bricks::{Active, Bricks};
 use crate::caps::Caps;
 use crate::classify::Rule;
-use crate::packet::{Job, Projection, RaySet, holds};
-use crate::paint::{Colours, Paint};
-use crate::ray::{Bounds, Entry, Space, Walk};
+use crate::packet::{Job, Projection};
+use crate::paint::Paint;
+use crate::ray::{Bounds, Space};
 use crate::roots::Finder;
+use crate::single::{Extra, draw};
 use crate::smooth;
-use crate::walk::{Root, Scratch, Search, Work};
-use glam::DVec3;
+use crate::walk::{Search, Work};
 use isobar_core::{
-    Claim, Counters, Data, DataKind, Frame, Function, Grid, Hit, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, Pixel,
-    Ray, RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Samples, Scene, Stage, Stop, Surface, TransferFunction,
-    Unsupported, View,
+    Counters, Data, DataKind, Frame, Function, Grid, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
+    RenderTime, Renderer, Request, ResolvedKnobs, Samples, Scene, Stage, Stop, Surface, TransferFunction, Unsupported, View,
 };
 use isobar_cpu::scene::{Isovalues, check_clipped_scene, check_medium, check_request, grid};
-use isobar_cpu::{Kernel, Level, PixelSink, Pool, copy_frame, render_tiles};
+use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
 use isobar_fields::{Coefficients, Type6Spline};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -29,7 +28,7 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
     data: DataKind::GRID,
     hits: true,
     gpu: false,
-    work_unit: "cubes visited",
+    work_unit: "active cubes crossed",
     knobs: &[
         KnobSpec {
             name: "reconstruction",
@@ -81,7 +80,7 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
 
 /// Bricks and cubes are taken to meet an isovalue within this much of the greatest |datum - isovalue|; rays whose own bound is larger (eyes more
 /// than some 10^7 voxels away) claim nothing.
-const MARGIN: f64 = 1e-6;
+pub(crate) const MARGIN: f64 = 1e-6;
 
 /// The method `tetspline/cpu`.
 #[derive(Debug)]
@@ -91,7 +90,7 @@ pub struct TetsplineCpu;
 ///
 /// All hits in order. Guarantee with `roots=certified` and `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none before it, with EMPTY none at
 /// all; the proof is the bound derived in `ray.rs`. A pixel without them was not decided: the ray touches the surface, or passes an end of the domain or a plateau, within
-/// that bound (about 1e-12 of the range of the data for ordinary views). Single rays that clipping planes cut claim EXISTS alone, and of closed cuts nothing is claimed.
+/// that bound (about 1e-12 of the range of the data for ordinary views). In views with closed cuts only EXISTS is claimed, of roots alone.
 pub static TETSPLINE_CPU: TetsplineCpu = TetsplineCpu;
 
 impl Method for TetsplineCpu {
@@ -154,10 +153,7 @@ impl Settings {
             },
             smooth: k.float("smooth"),
             stored: k.word("coefficients") == "determining-set",
-            paint: Paint {
-                marble: k.word("texture") == "marble",
-                curves: k.word("overlay") == "curves",
-            },
+            paint: Paint::new(&k),
             // The bound of `ray.rs` is that of coefficients on the fly.
             claims: k.word("claims") == "on" && k.word("coefficients") != "determining-set",
         })
@@ -441,159 +437,5 @@ impl SharedWork {
             cubics,
             alone,
         }
-    }
-}
-
-/// What packets do not do.
-#[derive(Debug, Clone, Copy)]
-struct Extra<'a> {
-    paint: Paint,
-    caps: Option<Caps<'a>>,
-}
-
-/// Draws one tile with at most the instructions of `level`; gives the work done.
-fn draw<T: Datum>(
-    level: Level,
-    projection: Option<&Projection>,
-    search: Search<'_, T>,
-    mut job: Job<'_, '_>,
-    extra: Extra<'_>,
-) -> Work {
-    let mut work = Work::default();
-    let mut rays = None;
-    if let Some(projection) = projection
-        && job.suits_packets()
-    {
-        let left = job.draw(level, projection, MARGIN, &mut work);
-        if left.iter().all(|&b| b == 0) {
-            return work;
-        }
-        rays = Some(left);
-    }
-    level.run(SingleRays {
-        search,
-        job,
-        rays,
-        work,
-        extra,
-    })
-}
-
-/// A tile ray by ray, as a kernel.
-struct SingleRays<'a, 'b, T> {
-    search: Search<'a, T>,
-    job: Job<'a, 'b>,
-    /// Only these.
-    rays: Option<RaySet>,
-    /// What was done before.
-    work: Work,
-    extra: Extra<'a>,
-}
-
-impl<T: Datum> Kernel for SingleRays<'_, '_, T> {
-    type Output = Work;
-
-    #[inline(always)]
-    fn run(self) -> Work {
-        let mut search = self.search;
-        let Job {
-            space,
-            view,
-            surfaces,
-            claims,
-            tile,
-            out,
-            ..
-        } = self.job;
-        let rays = view.generator();
-        let mut scratch = Scratch::new(surfaces.values().len());
-        let mut work = self.work;
-        let clipped = !view.clips.is_empty();
-        for (x, y) in tile.pixels() {
-            if self.rays.is_some_and(|set| !holds(&set, x - tile.x, y - tile.y)) {
-                continue;
-            }
-            work.alone += 1;
-            let ray = rays.ray(x, y);
-            let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
-            let mut claim = Claim::empty();
-            if surfaces.values().is_empty() {
-                sink.finish(if claims { Claim::EMPTY } else { claim }, 0);
-                continue;
-            }
-            search.margin = space.margin(ray.origin);
-            let before = work.cubes;
-            let entry = Walk::enter(&ray, space, &view.clips, search.margin);
-            let mut sure = claims && search.margin <= MARGIN;
-            if let Entry::Through(walk) = &entry {
-                sure &= search.margin + walk.ends <= MARGIN;
-                if sure {
-                    search.margin += walk.ends;
-                }
-            }
-            // Where a clipping plane cuts the ray is not known well enough to prove what lies at the cut.
-            let mut certain = sure && !clipped;
-            let complete = certain;
-            let mut colours = Colours::new(self.extra.paint, view, space, surfaces);
-            match entry {
-                Entry::Through(walk) => {
-                    let [first, last] = self.extra.caps.map_or([None; 2], |c| c.ends(&ray));
-                    if let Some(hit) = first {
-                        colours.add(&hit, &ray);
-                        sink.push(&hit);
-                    }
-                    certain &= !sink.wants_more()
-                        || search.roots(walk, &mut scratch, &mut work, |root| {
-                            if sink.hits() == 0 && sure && root.found.error.is_finite() {
-                                claim = if root.found.first && complete {
-                                    Claim::EXISTS | Claim::FIRST
-                                } else {
-                                    Claim::EXISTS
-                                };
-                            }
-                            let hit = hit(&ray, root, surfaces, space, !claim.is_empty());
-                            colours.add(&hit, &ray);
-                            sink.push(&hit)
-                        });
-                    if sink.wants_more()
-                        && let Some(hit) = last
-                    {
-                        colours.add(&hit, &ray);
-                        sink.push(&hit);
-                    }
-                }
-                Entry::Misses { certain: missed } => certain &= missed,
-            }
-            if sink.hits() == 0 && certain {
-                claim = Claim::EMPTY;
-            }
-            let (hits, cubes) = (sink.hits(), (work.cubes - before) as u32);
-            sink.finish(claim, cubes);
-            if let Some(rgba) = colours.rgba() {
-                out.set_pixel(
-                    x,
-                    y,
-                    &Pixel {
-                        hits,
-                        claim,
-                        rgba,
-                        work: cubes,
-                    },
-                );
-            }
-        }
-        work
-    }
-}
-
-#[inline(always)]
-fn hit(ray: &Ray, root: &Root, surfaces: &Isovalues, space: &Space, exists: bool) -> Hit {
-    let g = space.world_gradient(root.gradient);
-    Hit {
-        t: root.found.t,
-        point: ray.at(root.found.t),
-        normal: g.normalize_or(DVec3::ZERO).as_vec3().to_array(),
-        surface: surfaces.surface(root.surface),
-        t_error: if exists { root.found.error } else { f64::INFINITY },
     }
 }

@@ -23,6 +23,7 @@ mod paint;
 mod proofs;
 mod ray;
 mod roots;
+mod single;
 mod smooth;
 #[cfg(test)]
 mod tests;

@@ -1,11 +1,11 @@
 //! Procedural texture and the curves where the surface crosses the faces of cubes, as colours of hits (K20, K21).
 //!
 //! Kalbe et al. 2009, Figs. 5 and 7: "noise-based procedural texturing", and "the C1-continuous boundary curves on the outside of each cube of the partition are shown in black". Both are functions of
-//! the exact hit point, so they need no parametrisation; they change the channel RGBA alone.
+//! the exact hit point, so they need no parametrisation; they change the channel RGBA alone. `shaders/tet_paint_on.wgsl` is the same in f32, for `tetspline/gpu`.
 
 use crate::ray::{Space, three};
 use glam::DVec3;
-use isobar_core::{Hit, Ray, Surface, View};
+use isobar_core::{Hit, Ray, ResolvedKnobs, Surface, View};
 use isobar_cpu::Blend;
 use isobar_cpu::scene::Isovalues;
 
@@ -18,6 +18,35 @@ pub(crate) struct Paint {
     pub(crate) curves: bool,
 }
 
+/// What paint makes of the colour of a surface at a hit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Coat {
+    /// What the colour is multiplied by, in [0, 1].
+    pub(crate) bright: f64,
+    /// Black: on a curve.
+    pub(crate) curve: bool,
+}
+
+impl Coat {
+    /// The surface as it is.
+    #[cfg(feature = "gpu")]
+    const NONE: Self = Self {
+        bright: 1.0,
+        curve: false,
+    };
+
+    /// The surface with this coat.
+    pub(crate) fn on(self, surface: &Surface) -> Surface {
+        let mut out = *surface;
+        out.colour = if self.curve {
+            [0.0; 3]
+        } else {
+            out.colour.map(|c| (f64::from(c) * self.bright) as f32)
+        };
+        out
+    }
+}
+
 /// Veins across the longest axis of the volume.
 const VEINS: f64 = 5.0;
 /// How far the noise bends them, in veins.
@@ -26,26 +55,33 @@ const BENT: f64 = 1.2;
 const DARK: f64 = 0.25;
 
 impl Paint {
+    /// By the knobs `texture` and `overlay`.
+    pub(crate) fn new(knobs: &ResolvedKnobs) -> Self {
+        Self {
+            marble: knobs.word("texture") == "marble",
+            curves: knobs.word("overlay") == "curves",
+        }
+    }
+
     pub(crate) const fn is_plain(self) -> bool {
         !self.marble && !self.curves
     }
 
-    /// The surface as it looks at a hit. Curves are two pixels wide where the view has a footprint (lists of rays have none, and no curves).
-    pub(crate) fn at(self, surface: &Surface, hit: &Hit, view: &View, space: &Space) -> Surface {
+    /// The coat at a hit. Curves are two pixels wide where the view has a footprint (lists of rays have none, and no curves).
+    fn coat(self, hit: &Hit, view: &View, space: &Space) -> Coat {
         let p = space.index_vector(hit.point - space.domain.origin);
-        let mut out = *surface;
+        let mut bright = 1.0;
         if self.marble {
             let unit = p / space.domain.hi.max_element();
             let vein = (std::f64::consts::TAU * VEINS * (unit.x + unit.z) * 0.5
                 + BENT * std::f64::consts::TAU * turbulence(unit * 8.0))
             .sin();
-            let bright = DARK + (1.0 - DARK) * (0.5 + 0.5 * vein).sqrt();
-            out.colour = out.colour.map(|c| (f64::from(c) * bright) as f32);
+            bright = DARK + (1.0 - DARK) * (0.5 + 0.5 * vein).max(0.0).sqrt();
         }
-        if self.curves && on_curve(p, hit, view.footprint(hit.t), space) {
-            out.colour = [0.0; 3];
+        Coat {
+            bright,
+            curve: self.curves && on_curve(p, hit, view.footprint(hit.t), space),
         }
-        out
     }
 }
 
@@ -69,13 +105,28 @@ impl<'a> Colours<'a> {
         }
     }
 
+    /// Adds a hit behind all that was added before, painted here.
     #[inline(always)]
     pub(crate) fn add(&mut self, hit: &Hit, ray: &Ray) {
         if !self.paint.is_plain() && !self.blend.is_opaque() {
             let surface = &self.surfaces.all()[usize::from(hit.surface)];
-            let painted = self.paint.at(surface, hit, self.view, self.space);
-            self.blend.add(&painted, hit.normal, ray.direction);
+            let coat = self.paint.coat(hit, self.view, self.space);
+            self.blend.add(&coat.on(surface), hit.normal, ray.direction);
         }
+    }
+
+    /// The colour of one hit alone, painted here.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn of(paint: Paint, view: &View, space: &Space, surfaces: &Isovalues, hit: &Hit, ray: &Ray) -> [f32; 4] {
+        let mut one = Blend::default();
+        let surface = &surfaces.all()[usize::from(hit.surface)];
+        let coat = if paint.is_plain() {
+            Coat::NONE
+        } else {
+            paint.coat(hit, view, space)
+        };
+        one.add(&coat.on(surface), hit.normal, ray.direction);
+        one.rgba()
     }
 
     /// Nothing where surfaces are plain.
@@ -117,16 +168,17 @@ fn noise(p: DVec3) -> f64 {
     sum
 }
 
-/// One of twelve slopes for each whole point.
+/// One of twelve slopes for each whole point, chosen by 32 bits, so that shaders choose the same.
 fn slope(cell: [i64; 3]) -> DVec3 {
-    let mut h = 0x9E37_79B9_7F4A_7C15u64;
+    let mut h = 0x9E37_79B9u32;
     for c in cell {
-        h = (h ^ c.cast_unsigned()).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        h ^= h >> 29;
+        h = (h ^ c as u32).wrapping_mul(0x85EB_CA6B);
+        h ^= h >> 13;
     }
-    let (a, signs) = ((h >> 8) % 3, h >> 40);
-    let (u, v) = (1.0 - 2.0 * (signs & 1) as f64, 1.0 - 2.0 * (signs >> 1 & 1) as f64);
-    match a {
+    h = h.wrapping_mul(0xC2B2_AE35);
+    h ^= h >> 16;
+    let (u, v) = (1.0 - 2.0 * f64::from(h >> 24 & 1), 1.0 - 2.0 * f64::from(h >> 25 & 1));
+    match (h & 0xff_ffff) % 3 {
         0 => DVec3::new(0.0, u, v),
         1 => DVec3::new(u, 0.0, v),
         _ => DVec3::new(u, v, 0.0),

@@ -17,6 +17,7 @@
 
 use glam::DVec3;
 use isobar_core::{ClipPlane, Domain, Ray};
+use isobar_cpu::clip::{Side, kept, reach};
 
 /// One value per axis. `array::map` is not inlined into functions compiled for more instructions than the crate.
 #[inline(always)]
@@ -164,8 +165,8 @@ pub(crate) struct Walk {
     pub(crate) step: [i32; 3],
     pub(crate) t0: f64,
     pub(crate) t1: f64,
-    /// What the margin grows by, so that a certain sign at t0 and t1 holds up to the true ends of the domain, which lie between those of the
-    /// domain shrunk and grown by the error of a position; +inf where the ray may miss the domain.
+    /// What the margin grows by, so that a certain sign at t0 and t1 holds up to the true ends, of the domain shrunk and grown by the error of a position and of what clipping planes
+    /// keep within theirs; +inf where the ray may miss all of it.
     pub(crate) ends: f64,
 }
 
@@ -211,9 +212,13 @@ impl Walk {
                 form_shift[n] = -p * form_inv[n];
             }
         }
-        // The stretch inside the box grown by e on every side.
-        let inside = |e: f64| {
-            let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
+        // The stretch inside the box grown by e on every side, and with it what the planes keep.
+        let inside = |e: f64, side: Side| {
+            let (mut t0, mut t1) = if clips.is_empty() {
+                (0.0f64, f64::INFINITY)
+            } else {
+                kept(ray, clips, reach(ray, space.world), side)
+            };
             for a in 0..3 {
                 let hi = space.domain.hi[a] + e;
                 if d[a] == 0.0 {
@@ -226,33 +231,21 @@ impl Walk {
                     t1 = t1.min(x.max(y));
                 }
             }
-            for c in clips {
-                let (n, q) = (c.normal.dot(ray.origin) - c.distance, c.normal.dot(ray.direction));
-                if q == 0.0 {
-                    if n > 0.0 {
-                        t1 = -1.0;
-                    }
-                } else if q > 0.0 {
-                    t1 = t1.min(-n / q);
-                } else {
-                    t0 = t0.max(-n / q);
-                }
-            }
             (t0, t1)
         };
-        let (t0, t1) = inside(0.0);
+        let (t0, t1) = inside(0.0, Side::Rounded);
         if t0 > t1 {
-            let (a, b) = inside(margin);
-            return Entry::Misses {
-                certain: a > b && clips.is_empty(),
-            };
+            let (a, b) = inside(margin, Side::Outer);
+            return Entry::Misses { certain: a > b };
         }
-        // The margin holds the error of a position 256 times; over as long a way s changes by at most 32 times it.
-        let ((first, last), (late, early)) = (inside(margin / PART), inside(-margin / PART));
-        let met = late <= early;
+        // The margin holds the error of a position 256 times; over as long a way s changes by at most 32 times it. The true ends lie between the outer and the inner ones, on
+        // either side of the rounded ones.
+        let error = margin / PART;
+        let ((first, last), (late, early)) = (inside(error, Side::Outer), inside(-error, Side::Inner));
+        let loose = (t0 - first).max(late - t0).max(last - t1).max(t1 - early);
         Entry::Through(Self {
-            ends: if met {
-                STEEPEST * (t0 - first).max(last - t1) * most
+            ends: if late <= early {
+                STEEPEST * loose * most
             } else {
                 f64::INFINITY
             },

@@ -4,6 +4,7 @@ use super::camera::{self, MOST_CLIPS};
 use super::data::Prepared;
 use super::feature;
 use super::layout::{self, Texel, View as Uniform};
+use super::pixels::Behind;
 use super::programs::{FORMAT, Rays};
 use isobar_core::{Hit, RenderError, View};
 use isobar_cpu::Pool;
@@ -29,6 +30,8 @@ pub(super) struct Band {
     pub(super) view: Uniform,
     /// Layers of the last frame.
     pub(super) layers: Vec<Vec<Texel>>,
+    /// Hits behind them.
+    pub(super) behind: Option<Behind>,
     pub(super) fragments: Vec<u32>,
 }
 
@@ -96,6 +99,7 @@ pub(super) fn bands(
             targets: vec![Target::new(gpu, width, rows, FORMAT)?],
             view: uniform,
             layers: Vec::new(),
+            behind: None,
             fragments: Vec::new(),
         })
     });

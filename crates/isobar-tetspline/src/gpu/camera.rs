@@ -110,8 +110,16 @@ pub(super) fn uniform(view: &View, domain: &Domain, target: Rectangle, exact: bo
         depth_scale: (-far.log2().ceil() - 1.0).exp2() as f32,
         plane: planes,
         along: along.extend(forward.dot(from)).as_vec4().to_array(),
+        unit: (1.0 / domain.hi.max_element()) as f32,
+        // `gradients` are those of index space with a largest entry of 1.
+        reach: (view.footprint(1.0) * largest(inverse)) as f32,
         ..Uniform::zeroed()
     })
+}
+
+/// The largest size of an entry.
+fn largest(m: DMat3) -> f64 {
+    m.to_cols_array().iter().fold(0.0, |a: f64, v| a.max(v.abs()))
 }
 
 fn frobenius(m: DMat3) -> f64 {

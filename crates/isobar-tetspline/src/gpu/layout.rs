@@ -1,5 +1,6 @@
 //! Structures shared with `shaders/tet_layout.wgsl` and `shaders/tet_draw_layout.wgsl`; a test compares them with what naga makes of the WGSL.
 
+use crate::paint::{Coat, Paint};
 use bytemuck::{Pod, Zeroable};
 use std::mem::offset_of;
 
@@ -48,37 +49,61 @@ pub(super) struct View {
     pub(super) depth_scale: f32,
     pub(super) plane: [[f32; 4]; PLANES],
     pub(super) along: [f32; 4],
+    pub(super) unit: f32,
+    pub(super) reach: f32,
+    /// Bits of the paint: see [`paint_bits`].
+    pub(super) paint: u32,
+    pub(super) pad: u32,
+}
+
+/// The bits of [`View::paint`].
+pub(super) fn paint_bits(paint: Paint) -> u32 {
+    u32::from(paint.marble) | u32::from(paint.curves) << 1
 }
 
 /// Bits of the second word of a hit: below these the whole half voxels, and from bit 16 the surface.
 pub(super) const HIT: u32 = 1 << 24;
 /// The first word is a distance in the world.
 pub(super) const WORLD: u32 = 1 << 26;
+/// The hit lies on a curve.
+const CURVE: u32 = 1 << 27;
 
 /// A hit as the target holds it.
 pub(super) type Texel = [u32; 4];
 
 const _: () = {
     assert!(size_of::<Params>() == 48 && offset_of!(Params, bias) == 32);
-    assert!(size_of::<Level>() == 8 && size_of::<View>() == 448);
+    assert!(size_of::<Level>() == 8 && size_of::<View>() == 464);
     assert!(offset_of!(View, origin) == 64 && offset_of!(View, axes) == 96 && offset_of!(View, grow) == 192);
-    assert!(offset_of!(View, plane) == 208 && offset_of!(View, along) == 432);
+    assert!(offset_of!(View, plane) == 208 && offset_of!(View, along) == 432 && offset_of!(View, paint) == 456);
 };
 
-/// The unit normal of a hit: the inverse of `packed` in `tet_fragment.wgsl`; zero where the gradient vanishes.
-pub(super) fn normal([x, y]: [u32; 2]) -> [f32; 3] {
-    let (x, y) = (f32::from_bits(x), f32::from_bits(y));
-    if x.is_nan() {
+/// Greatest of the 24-bit numbers of a normal.
+const GREATEST: i32 = (1 << 23) - 1;
+
+/// The unit normal of a hit: the inverse of `packed` in `tet_fragment.wgsl`, to 1e-7 each way; zero where the gradient vanishes.
+pub(super) fn normal(words: [u32; 2]) -> [f32; 3] {
+    let [x, y] = words.map(|w| w.cast_signed() >> 8);
+    if x < -GREATEST {
         return [0.0; 3];
     }
+    let [x, y] = [x, y].map(|v| f64::from(v) / f64::from(GREATEST));
     let z = 1.0 - x.abs() - y.abs();
     let (x, y) = if z < 0.0 {
         ((1.0 - y.abs()).copysign(x), (1.0 - x.abs()).copysign(y))
     } else {
         (x, y)
     };
-    let n = glam::Vec3::new(x, y, z);
-    n.normalize_or(glam::Vec3::ZERO).to_array()
+    let n = glam::DVec3::new(x, y, z);
+    n.normalize_or(glam::DVec3::ZERO).as_vec3().to_array()
+}
+
+/// The coat that the paint gave a hit.
+pub(super) fn coat(h: &Texel) -> Coat {
+    Coat {
+        bright: f64::from((h[2] & 0xff) | (h[3] & 0xff) << 8) / 65_535.0,
+        curve: h[1] & CURVE != 0,
+    }
 }
 
 #[cfg(test)]
@@ -132,12 +157,15 @@ mod tests {
                 ("depth_scale", offset_of!(View, depth_scale)),
                 ("plane", offset_of!(View, plane)),
                 ("along", offset_of!(View, along)),
+                ("unit", offset_of!(View, unit)),
+                ("reach", offset_of!(View, reach)),
+                ("paint", offset_of!(View, paint)),
             ],
         );
     }
 
     #[test]
-    fn normals_come_back() {
+    fn normals_come_back_beside_the_paint() {
         for n in [[0.0f32, 0.0, -1.0], [0.6, -0.8, 0.0], [-0.36, 0.48, -0.8], [0.48, 0.36, 0.8]] {
             // What the shader does.
             let m = n.map(|v| v / (n[0].abs() + n[1].abs() + n[2].abs()));
@@ -147,9 +175,21 @@ mod tests {
             } else {
                 [m[0], m[1]]
             };
-            let back = normal(p.map(f32::to_bits));
-            assert!((0..3).all(|a| (back[a] - n[a]).abs() < 2e-7), "{back:?} {n:?}");
+            let [x, y] = p.map(|v| ((v * GREATEST as f32).round() as i32).cast_unsigned() << 8);
+            for (paint, curve) in [(0u32, false), (65_535, true), (0x1234, false)] {
+                let h = [0, u32::from(curve) << 27, x | (paint & 0xff), y | paint >> 8];
+                let back = normal([h[2], h[3]]);
+                // Half a step of 2^-23 in two numbers, and the rounding of f32 before and behind.
+                assert!((0..3).all(|a| (back[a] - n[a]).abs() < 3e-7), "{back:?} {n:?}");
+                assert_eq!(
+                    coat(&h),
+                    Coat {
+                        bright: f64::from(paint) / 65_535.0,
+                        curve
+                    }
+                );
+            }
         }
-        assert_eq!(normal([f32::NAN.to_bits(), 0]), [0.0; 3]);
+        assert_eq!(normal([0x8000_0000, 0]), [0.0; 3]);
     }
 }

@@ -21,6 +21,7 @@ mod data;
 mod generate;
 mod layout;
 mod lists;
+mod pixels;
 mod programs;
 mod renderer;
 mod settings;
@@ -85,6 +86,16 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
                 min: 0.0,
                 max: 16.0,
             },
+        },
+        KnobSpec {
+            name: "texture",
+            doc: "colours: plain, or marble: solid noise at the hit, by the fragment stage",
+            kind: KnobKind::Choice(&["plain", "marble"]),
+        },
+        KnobSpec {
+            name: "overlay",
+            doc: "curves: the curves where the surface crosses the faces of cubes in black, by the fragment stage",
+            kind: KnobKind::Choice(&["none", "curves"]),
         },
         KnobSpec {
             name: "cull",

@@ -54,6 +54,8 @@ pub(super) const SNIPPETS: Snippets = &[
         "tet_span_interpolated",
         include_str!("../../shaders/tet_span_interpolated.wgsl"),
     ),
+    ("tet_paint_on", include_str!("../../shaders/tet_paint_on.wgsl")),
+    ("tet_paint_off", include_str!("../../shaders/tet_paint_off.wgsl")),
     ("tet_count_on", include_str!("../../shaders/tet_count_on.wgsl")),
     ("tet_count_off", include_str!("../../shaders/tet_count_off.wgsl")),
 ];
@@ -153,6 +155,8 @@ pub(super) struct DrawProgram {
     pub(super) stored: bool,
     /// Fragments are counted.
     pub(super) counted: bool,
+    /// Hits get texture or curves.
+    pub(super) painted: bool,
     /// The grid's axes are left-handed.
     pub(super) mirrored: bool,
 }
@@ -173,6 +177,7 @@ impl DrawProgram {
             Rays::Exact => &["tet_varying_exact", "fixed_ray", "tet_span_exact"][..],
             Rays::Interpolated => &["tet_varying_interpolated", "tet_span_interpolated"][..],
         });
+        names.push(if self.painted { "tet_paint_on" } else { "tet_paint_off" });
         names.extend(["tet_vertex", "tet_fragment", "tet_roots"]);
         names.extend(match self.roots {
             Roots::Bracketed => ["tet_root_bracketed", "tet_find_interval"],
@@ -245,6 +250,7 @@ mod tests {
                         rays,
                         stored,
                         counted: stored,
+                        painted: !stored,
                         mirrored: false,
                     };
                     shader::validate(&format!("{program:?}"), &program.source().unwrap()).unwrap();
@@ -274,5 +280,9 @@ mod tests {
         let (first, second) = (of("fn first_step", fragment), of("fn second_step", fragment));
         assert_eq!((first, second, of("fn find", find)), (10, 4, 4));
         assert_eq!(2 * first + 2 * second + 4, 32, "inner products of a fragment");
+        // The normal: one more second step, by linear interpolation of the first ones. Texture and curves come behind it and take no step of the patch.
+        assert_eq!(of("fn fs", fragment), 0);
+        assert_eq!(fragment.matches("_step(").count() + find.matches("_step(").count(), 2 + 1 + 4);
+        assert!(!include_str!("../../shaders/tet_paint_on.wgsl").contains("_step("));
     }
 }

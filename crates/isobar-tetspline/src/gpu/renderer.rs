@@ -4,6 +4,7 @@ use super::bands::{self, Band};
 use super::data::Prepared;
 use super::layout::{self, Level, Params, Texel, View as Uniform};
 use super::lists::{self, Limits, Lists, Subject};
+use super::pixels::{self, Behind, Look};
 use super::programs::{DrawProgram, FORMAT, ListKernels, ListProgram, Rays};
 use super::settings::Settings;
 use super::{INFO, check_view, cull, generate};
@@ -12,11 +13,11 @@ use crate::caps::Caps;
 use crate::ray::Space;
 use bytemuck::Zeroable;
 use isobar_core::{
-    Channels, Claim, Counters, Data, Frame, Function, Knobs, Memory, RenderError, RenderTime, Renderer, Request, Stage, Stop,
-    Surface, TransferFunction, View,
+    Channels, Counters, Data, Frame, Function, Knobs, Memory, RenderError, RenderTime, Renderer, Request, Stage, Stop, Surface,
+    TransferFunction, View,
 };
 use isobar_cpu::scene::{Isovalues, check_medium};
-use isobar_cpu::{PixelSink, Pool, is_visible, render_tiles};
+use isobar_cpu::{Pool, is_visible};
 use isobar_fields::Type6Spline;
 use isobar_gpu::rays::{Entry, Rectangle};
 use isobar_gpu::{Gpu, Prover, Raster, Target, wgpu};
@@ -247,6 +248,7 @@ impl TetsplineRenderer {
             rays: settings.rays,
             stored: settings.stored,
             counted: self.request.channels.contains(Channels::WORK),
+            painted: !settings.paint.is_plain(),
             mirrored: prepared.mirrored(),
         };
         let raster = self.raster(program)?;
@@ -271,6 +273,7 @@ impl TetsplineRenderer {
     fn draw_band(&self, raster: &Raster, band: &mut Band, stop: &Stop) -> Result<Option<Duration>, RenderError> {
         let mut device = self.gpu.report().timestamps.then_some(Duration::ZERO);
         band.layers.clear();
+        band.behind = None;
         if let Some(work) = &band.work {
             self.gpu.run("fragments", 0, |w| w.encoder().clear_buffer(work, 0, None))?;
         }
@@ -289,9 +292,12 @@ impl TetsplineRenderer {
             if levels.is_empty() || lists.counts()[1] == 0 {
                 break;
             }
-            let peel = u32::from(layer > 0);
-            self.gpu
-                .write(&self.uniform, bytemuck::bytes_of(&Uniform { peel, ..band.view }))?;
+            let uniform = Uniform {
+                peel: u32::from(layer > 0),
+                paint: layout::paint_bits(self.settings.paint),
+                ..band.view
+            };
+            self.gpu.write(&self.uniform, bytemuck::bytes_of(&uniform))?;
             let target = &band.targets[layer % band.targets.len()];
             let before = if layer == 0 {
                 &self.blank
@@ -314,7 +320,7 @@ impl TetsplineRenderer {
             let hits: Vec<Texel> = bytemuck::pod_collect_to_vec(&target.read_colour(&self.gpu)?);
             let any = hits.iter().any(|h| h[1] & layout::HIT != 0);
             if any {
-                band.layers.push(hits);
+                pixels::take(band, &self.pool, hits, self.request.layers.max(1), &self.look()?)?;
             }
             if !any || !peels(&self.settings) {
                 break;
@@ -363,47 +369,27 @@ impl TetsplineRenderer {
         Ok(out)
     }
 
+    /// What the colours of the view set depend on.
+    fn look(&self) -> Result<Look<'_>, RenderError> {
+        Ok(Look {
+            view: self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?,
+            isovalues: self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?,
+            rectangle: self.rectangle,
+            paint: self.settings.paint,
+        })
+    }
+
     /// Writes the layers of all bands into the frame.
-    fn collect(&self, view: &View, channels: Channels, out: &mut Frame) -> Result<(), RenderError> {
+    fn collect(&self, channels: Channels, out: &mut Frame) -> Result<(), RenderError> {
         let prepared = self.prepared.as_ref().ok_or(RenderError::NotReady("set_data"))?;
-        let isovalues = self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
-        let (surfaces, space) = (isovalues.all(), Space::new(prepared.domain));
+        let (look, space) = (self.look()?, Space::new(prepared.domain));
         // Closed cuts are found on the host: one value of the spline for each end of a ray.
-        let caps = Caps::new(&prepared.spline, &space, isovalues, view);
+        let caps = Caps::new(&prepared.spline, &space, look.isovalues, look.view);
         let request = Request {
             channels,
             ..self.request.clone()
         };
-        let (r, bands) = (self.rectangle, &self.bands);
-        let rows = bands.first().map_or(1, |b| b.rows);
-        let generator = view.generator();
-        render_tiles(&self.pool, view, &request, &Stop::default(), out, |tile, out| {
-            for (x, y) in tile.pixels() {
-                let ray = generator.ray(x, y);
-                let mut sink = PixelSink::new(out, x, y, &ray, surfaces);
-                let mut work = 0;
-                let [first, last] = caps.map_or([None; 2], |c| c.ends(&ray));
-                if let Some(hit) = first {
-                    sink.push(&hit);
-                }
-                if (r.x..r.x + r.width).contains(&x) && (r.y..r.y + r.height).contains(&y) {
-                    let band = &bands[(y - r.y) / rows];
-                    let at = (y - band.y) * r.width + x - r.x;
-                    work = band.fragments.get(at).copied().unwrap_or(0);
-                    for layer in &band.layers {
-                        let Some(mut hit) = bands::hit(&layer[at], band.entries.get(at)).filter(|_| sink.wants_more()) else {
-                            break;
-                        };
-                        hit.point = ray.at(hit.t);
-                        sink.push(&hit);
-                    }
-                }
-                if let Some(hit) = last.filter(|_| sink.wants_more()) {
-                    sink.push(&hit);
-                }
-                sink.finish(Claim::empty(), work);
-            }
-        })
+        pixels::collect(&self.pool, &request, &self.bands, &look, &space, caps, out)
     }
 }
 
@@ -516,7 +502,7 @@ impl Renderer for TetsplineRenderer {
         };
         let channels = self.request.channels;
         // The proof compares t and surface, asked for or not.
-        self.collect(&view, Prover::channels(self.prover.as_ref(), channels), out)?;
+        self.collect(Prover::channels(self.prover.as_ref(), channels), out)?;
         if let (Some(prover), Some(prepared)) = (&mut self.prover, &self.prepared) {
             prover.write(out, &view, prepared.domain.voxel(), channels);
         }
@@ -537,7 +523,8 @@ impl Renderer for TetsplineRenderer {
             .bands
             .iter()
             .flat_map(|b| &b.layers)
-            .map(|l| l.len() * size_of::<Texel>());
+            .map(|l| l.len() * size_of::<Texel>())
+            .chain(self.bands.iter().filter_map(|b| b.behind.as_ref()).map(Behind::bytes));
         let view: u64 = self.bands.iter().map(|b| b.device_bytes(self.rectangle.width)).sum();
         let p = self.prepared.as_ref();
         let prover = self.prover.as_ref().map_or_else(Memory::default, Prover::memory);

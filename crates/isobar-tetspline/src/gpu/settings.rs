@@ -3,6 +3,7 @@
 use super::INFO;
 use super::programs::{Rays, Roots};
 use crate::classify::Rule;
+use crate::paint::Paint;
 use isobar_core::{Knobs, RenderError, ResolvedKnobs};
 
 /// Settings, read once.
@@ -17,6 +18,7 @@ pub(super) struct Settings {
     pub(super) cull: bool,
     /// Standard deviation in voxels; 0: not smoothed.
     pub(super) smooth: f64,
+    pub(super) paint: Paint,
 }
 
 impl Settings {
@@ -44,6 +46,7 @@ impl Settings {
             claims: k.word("claims") == "cpu",
             cull: k.word("cull") == "on",
             smooth: k.float("smooth"),
+            paint: Paint::new(&k),
         })
     }
 

@@ -48,7 +48,13 @@ pub(super) fn classify<T: Value>(level: Level, data: &[T], dims: [usize; 3], iso
 }
 
 /// The 27 data of each cube less the isovalue, x fastest.
-fn gather<T: Value>(data: &[T], dims: [usize; 3], isovalue: f64, cubes: &[u32], rows: &mut [Row; 27]) {
+pub(super) fn gather<T: Value, const N: usize>(
+    data: &[T],
+    dims: [usize; 3],
+    isovalue: f64,
+    cubes: &[u32],
+    rows: &mut [[f64; N]; 27],
+) {
     for (l, &cube) in cubes.iter().enumerate() {
         let [x, y, z] = super::coordinates(cube, dims);
         let beside = |i: usize, n: usize| [i.saturating_sub(1), i, (i + 1).min(n - 1)];

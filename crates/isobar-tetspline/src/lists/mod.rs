@@ -9,11 +9,13 @@
 //!    are read only where a block has both; the flags are the same.
 //! 2. **Tetrahedra** (`kinds.rs`). The 27 data of 64 active cubes side by side, and for each kind the 20 coefficients and their hull, eight cubes to a vector of AVX-512. The coefficients are those of
 //!    [`classify`](crate::classify), rounded alike, so the lists agree with its counts.
+//! 3. **Determining sets** (`sets.rs`), where they are asked for: sixteen cubes side by side.
 //!
 //! Everything is exact about the rounded coefficients of f64, as [`count`](crate::classify::count) is, without margin.
 
 mod flags;
 mod kinds;
+mod sets;
 #[cfg(test)]
 mod tests;
 
@@ -21,17 +23,14 @@ use crate::classify::{Rule, is_active};
 use flags::Flags;
 use isobar_core::{DataError, Samples, Tetrahedral};
 use isobar_cpu::Level;
-use isobar_fields::type6::DeterminingSet;
 use isobar_fields::{Coefficients, Type6Spline};
 use kinds::KINDS;
 use rayon::prelude::*;
+use sets::SET;
 use std::time::{Duration, Instant};
 
 /// Cubes classified at a time by one thread.
 const CHUNK: usize = 4096;
-
-/// Numbers of a determining set.
-const SET: usize = 56;
 
 /// Runs `$body` with the data of a spline, whatever their type.
 macro_rules! with_data {
@@ -178,23 +177,13 @@ impl Lists {
     }
 
     /// The determining sets of the active cubes (K13, the paper's stored variant): 192 times their 56 coefficients, less the isovalue, in the order vertices, edges,
-    /// faces of [`DeterminingSet`]; 224 bytes a cube, as `tetspline/gpu` stores them.
+    /// faces of [`isobar_fields::type6::DeterminingSet`]; 224 bytes a cube, as `tetspline/gpu` stores them.
     #[must_use]
     pub fn determining_sets(&self, isovalue: f64) -> Vec<[f32; SET]> {
         let mut out = vec![[0.0; SET]; self.cubes().len()];
         let dims = self.spline.dims();
-        let work = |(to, &cube): (&mut [f32; SET], &u32)| {
-            let mut d = [0.0; 27];
-            self.spline.data(coordinates(cube, dims), &mut d);
-            let set = DeterminingSet::new(&d.map(|v| v - isovalue));
-            let all = set
-                .vertices
-                .iter()
-                .chain(set.edges.iter().flatten().flatten())
-                .chain(&set.faces);
-            to.iter_mut().zip(all).for_each(|(t, v)| *t = *v as f32);
-        };
-        out.par_iter_mut().zip(self.cubes()).with_min_len(CHUNK).for_each(work);
+        let parts = out.par_chunks_mut(CHUNK).zip(self.cubes().par_chunks(CHUNK));
+        with_data!(self.spline, data => parts.for_each(|(to, cubes)| sets::store(data, dims, isovalue, cubes, to)));
         out
     }
 

@@ -4,6 +4,7 @@ use super::*;
 use crate::classify::{active_kinds, count};
 use isobar_core::{Data, Grid};
 use isobar_fields::Synthetic;
+use isobar_fields::type6::DeterminingSet;
 
 fn random_bytes(dims: [usize; 3], seed: u64) -> Grid {
     let mut s = seed;

@@ -75,6 +75,8 @@ pub(super) struct Cubes<'c> {
     p: &'c mut Packet,
     paths: &'c Paths,
     work: &'c mut Work,
+    /// Whether the active cubes on each ray are counted.
+    count: bool,
     /// The brick's cubes.
     brick: Option<&'c bricks::Cubes>,
     queue: Queue,
@@ -92,6 +94,7 @@ impl<'c> Cubes<'c> {
         p: &'c mut Packet,
         paths: &'c Paths,
         work: &'c mut Work,
+        count: bool,
     ) -> Self {
         Self {
             field,
@@ -99,6 +102,7 @@ impl<'c> Cubes<'c> {
             p,
             paths,
             work,
+            count,
             brick: None,
             queue: Queue {
                 t0: [0.0; ROOM],
@@ -169,6 +173,9 @@ impl Cells for Cubes<'_> {
             if inside != 0 {
                 self.work.cubes += u64::from(inside.count_ones());
                 self.work.active += u64::from(inside.count_ones());
+                if self.count {
+                    ones(inside.into()).for_each(|l| self.p.cells[b][l] += 1);
+                }
                 self.cut(b, cube, kinds, [t0, t1], inside);
             }
             if self.queue.count >= LANES || (left == 0 && self.queue.count > 0) {

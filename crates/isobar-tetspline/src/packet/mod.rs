@@ -9,7 +9,7 @@
 //! **Completeness.** Inside a cube the pieces between sorted parameters cover the ray without gaps. Coefficients obey the bound of `ray.rs`; those of further isovalues, which
 //! shift the cubic of the first one, that of the greater of both |datum - isovalue|: 14 roundings more, of a bound that is seven times what it has to be.
 //!
-//! **What is left to single rays**, beside what packets leave in any method: a ray on which any coefficient that matters lies within the bound, and frames that count work.
+//! **What is left to single rays**, beside what packets leave in any method: a ray on which any coefficient that matters lies within the bound.
 
 mod cubes;
 mod finish;
@@ -153,7 +153,7 @@ fn values(bounds: &[Bounds], margin: f64) -> Vec<Value> {
 impl Job<'_, '_> {
     /// Whether packets can draw the tile.
     pub(crate) fn suits_packets(&self) -> bool {
-        self.field.finds_all() && fits(self.tile) && !self.surfaces.values().is_empty() && !self.out.holds(Channels::WORK)
+        self.field.finds_all() && fits(self.tile) && !self.surfaces.values().is_empty()
     }
 
     /// Draws what packets can; gives the rays that are left. `most`: the margin that activity allows for.
@@ -209,20 +209,21 @@ impl WithLanes for Draw<'_, '_, '_> {
             work,
         } = self;
         let wanted = Wanted::new(job.out, job.surfaces);
-        let Some(frustum) = packet.start::<S, _>(&place, wanted, false) else {
+        let count = job.out.holds(Channels::WORK);
+        let Some(frustum) = packet.start::<S, _>(&place, wanted, count) else {
             return place.rays();
         };
         if packet.rays.blocks != 0 {
             paths.start::<S>(packet, job.space);
             let values = values(job.field.bounds(), packet.rays.margin);
             let crossing = Crossing::new(&packet.rays, &place, view);
-            let mut cubes = Cubes::new(job.field, &values, packet, paths, work);
+            let mut cubes = Cubes::new(job.field, &values, packet, paths, work, count);
             let crossed = crossing.cross::<S, _>(&mut cubes, &frustum);
             work.nodes += crossed.nodes;
             work.bricks += crossed.bricks;
             job.solve::<S>(packet, paths, &values);
         }
-        packet.write(&place, job.surfaces, job.out, job.claims, false);
+        packet.write(&place, job.surfaces, job.out, job.claims, count);
         packet.rays.single
     }
 }

@@ -5,6 +5,7 @@ use crate::classify::Rule;
 use crate::gpu::lists::{Limits, Lists};
 use crate::gpu::renderer::TetsplineRenderer;
 use crate::gpu::twin::Twin;
+use isobar_core::Tetrahedral as _;
 use isobar_fields::Type6Spline;
 
 fn rule(word: &str) -> Rule {
@@ -177,4 +178,126 @@ fn lists_of_floats_are_conservative_and_remade_in_place() {
     let none = [Surface::isovalue(99.0, 0)];
     r.set_surfaces(&none).unwrap();
     assert_eq!(r.lists().unwrap().0.counts(), [0, 0]);
+}
+
+/// Samples of a field as bytes between `lo` and `hi`.
+fn bytes(spec: &str, [lo, hi]: [f32; 2]) -> Grid {
+    let data = synthetic(spec);
+    let Data::Grid(grid) = &*data else { unreachable!("a grid") };
+    let Samples::F32(s) = &grid.samples else { unreachable!("f32") };
+    let samples: Vec<u8> = s
+        .iter()
+        .map(|v| (255.0 * (v - lo) / (hi - lo)).clamp(0.0, 255.0) as u8)
+        .collect();
+    Grid {
+        samples: Samples::U8(samples.into()),
+        ..grid.clone()
+    }
+}
+
+/// The lists that threads make in f64 ([`crate::lists::Lists`]) are those of the kernels, number by number and in order, for every rule: of bytes, whose coefficients are exact
+/// in both. Isovalues between samples, equal to samples and coefficients (1.328125 is 255/192), at both ends of the data and beyond them; plateaus.
+#[test]
+fn lists_of_bytes_are_those_of_the_cpu() {
+    let Some((gpu, _guard)) = adapter("lists_of_bytes_are_those_of_the_cpu") else {
+        return;
+    };
+    let mut random = Random(9);
+    let steps: Vec<u8> = (0..19 * 23 * 11).map(|_| (random.next() * 4.0) as u8).collect();
+    let flat = Grid::unit([70, 5, 4], Samples::U8(vec![7; 1400].into())).unwrap();
+    let cases = [
+        (random_grid([23, 18, 17], 0), vec![190.5, 128.0, 0.0, 255.0, -1.0, 300.0]),
+        (
+            Grid::unit([19, 23, 11], Samples::U8(steps.into())).unwrap(),
+            vec![1.0, 1.5, 3.0, 1.328_125, 2.25],
+        ),
+        (flat, vec![7.0, 6.5, 7.5]),
+        (bytes("gyroid,n=36", [-1.6, 1.6]), vec![143.0, 127.5, 20.25]),
+        (bytes("marschner-lobb,n=33", [0.0, 1.0]), vec![127.0, 99.75]),
+    ];
+    let limits = Limits {
+        chunk: 3000,
+        ..Limits::new(&gpu)
+    };
+    let mut none = 0;
+    for (n, (grid, isovalues)) in cases.iter().enumerate() {
+        let data = Arc::new(Data::Grid(grid.clone()));
+        let mut cpu = crate::lists::Lists::new(&Type6Spline::new(grid).unwrap(), n % 2 == 0).unwrap();
+        for word in ["coefficients", "data", "paper"] {
+            let mut r =
+                TetsplineRenderer::new(gpu.clone(), &request(1, Knobs::default().with("classify", word)), limits).unwrap();
+            r.set_data(&data).unwrap();
+            for &c in isovalues {
+                let name = format!("data {n} at {c}, {word}");
+                r.set_surfaces(&[Surface::isovalue(c, 0)]).unwrap();
+                let (lists, ..) = r.lists().unwrap();
+                let (cubes, tets) = read(&gpu, lists, false);
+                cpu.rebuild(c, rule(word));
+                assert!(cubes == cpu.cubes(), "{name}");
+                for (kind, list) in tets.iter().enumerate() {
+                    assert!(list == cpu.tetrahedra(kind), "{name}, kind {kind}");
+                }
+                assert_eq!(lists.counts(), [cpu.cubes().len() as u64, cpu.count() as u64], "{name}");
+                none += usize::from(word == "data" && cubes.is_empty());
+            }
+        }
+    }
+    assert_eq!(none, 4, "isovalues beyond all data have empty lists, the others do not");
+}
+
+/// Of data that f32 rounds the kernels' lists hold those of the CPU; what they hold beyond them has a coefficient as near to the isovalue as rounding may hide.
+#[test]
+fn lists_of_other_data_hold_those_of_the_cpu() {
+    let Some((gpu, _guard)) = adapter("lists_of_other_data_hold_those_of_the_cpu") else {
+        return;
+    };
+    let floats = |spec: &str| match &*synthetic(spec) {
+        Data::Grid(g) => g.clone(),
+        _ => unreachable!("a grid"),
+    };
+    let cases = [
+        (floats("gyroid,n=36"), vec![0.2, 0.0, -1.1]),
+        (floats("marschner-lobb,n=30"), vec![0.5, 0.73]),
+        (random_grid([17, 12, 15], 1), vec![300.25, -20_000.0]),
+        (random_grid([12, 19, 9], 2), vec![32_000.0]),
+    ];
+    for (n, (grid, isovalues)) in cases.iter().enumerate() {
+        let spline = Type6Spline::new(grid).unwrap();
+        let mut cpu = crate::lists::Lists::new(&spline, true).unwrap();
+        let mut r = TetsplineRenderer::new(gpu.clone(), &request(1, Knobs::default()), Limits::new(&gpu)).unwrap();
+        r.set_data(&Arc::new(Data::Grid(grid.clone()))).unwrap();
+        for &c in isovalues {
+            r.set_surfaces(&[Surface::isovalue(c, 0)]).unwrap();
+            let (lists, ..) = r.lists().unwrap();
+            let (_, tets) = read(&gpu, lists, false);
+            cpu.rebuild(c, Rule::Coefficients);
+            let mut more = 0;
+            for (kind, list) in tets.iter().enumerate() {
+                let (have, want) = (list, cpu.tetrahedra(kind));
+                assert!(
+                    want.iter().all(|t| have.binary_search(t).is_ok()),
+                    "data {n} at {c}, kind {kind}"
+                );
+                for cube in have.iter().filter(|t| want.binary_search(t).is_err()) {
+                    let mut d = [0.0; 27];
+                    let (i, dims) = (*cube as usize, grid.dims);
+                    spline.data([i % dims[0], i / dims[0] % dims[1], i / dims[0] / dims[1]], &mut d);
+                    let d = d.map(|v| v - c);
+                    // Of the greatest |datum - isovalue|: the slack of `tet_cube.wgsl`, and as much for the rounding of f32.
+                    let margin = 2.0 * 3.814_697_3e-6 * d.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+                    assert!(
+                        crate::classify::active_kinds(&d, margin) >> kind & 1 == 1,
+                        "data {n} at {c}, kind {kind}"
+                    );
+                    more += 1;
+                }
+            }
+            println!("data {n} at {c}: {} tetrahedra, {more} more than in f64", lists.counts()[1]);
+            assert!(
+                more * 1000 <= cpu.count() && cpu.count() > 1000,
+                "data {n} at {c}: {more} of {}",
+                cpu.count()
+            );
+        }
+    }
 }

@@ -3,6 +3,7 @@
 mod culling;
 mod frames;
 mod lists;
+mod paint;
 mod scenes;
 
 use isobar_core::{
