@@ -369,7 +369,7 @@ impl Solver {
             t0 = t0.max(from.min(to));
             t1 = t1.min(from.max(to));
         }
-        if t0 > t1 {
+        if t0 > t1 || self.ends.is_past(pixel, t0) {
             return;
         }
         self.work.polynomials += 1;
@@ -442,7 +442,7 @@ impl Solver {
         let t = time(x);
         let u: [f64; 3] = std::array::from_fn(|i| at(x, i));
         let [_, gu, gv, gw] = jet(field.degree, field.values, &bases(field.degree, u));
-        self.found.push(Found {
+        let found = Found {
             pixel: pixel as u16,
             surface: field.surface,
             certain: inside && r.kind == RootKind::Crossing,
@@ -450,7 +450,9 @@ impl Solver {
             t,
             error: (t - time(r.lo)).max(time(r.hi) - t) + 8.0 * EPS * s.t1,
             normal: field.place.gradient([gu, gv, gw]).normalize_or(DVec3::ZERO),
-        });
+        };
+        self.ends.note(&found);
+        self.found.push(found);
     }
 }
 

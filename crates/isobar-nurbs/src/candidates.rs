@@ -69,6 +69,12 @@ impl Candidates {
         self.tasks.len() * size_of::<Task>() + self.tree.bytes()
     }
 
+    /// The tasks whose boxes the rays of the frustum may meet, with the least depths of these, by them where `sorted`.
+    #[inline(always)]
+    pub(crate) fn list(&self, f: &Frustum, stack: &mut Vec<u32>, sorted: bool) -> Vec<(f64, u32)> {
+        self.tree.list(f, stack, sorted)
+    }
+
     /// Calls `visit` for every task whose box the rays of the frustum may meet.
     #[inline(always)]
     pub(crate) fn visit(&self, f: &Frustum, stack: &mut Vec<u32>, mut visit: impl FnMut(&Task)) {

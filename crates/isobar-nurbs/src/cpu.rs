@@ -11,9 +11,9 @@ use crate::paper_volume::Bounds;
 use crate::solve::{Solver, Work};
 use crate::tile::{DrawTile, Index};
 use isobar_core::{
-    Counters, Data, DataKind, Frame, Function, HexPatches, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
-    RenderTime, Renderer, Request, ResolvedKnobs, Sampling, Scene, Stage, Stop, Surface, SurfaceKind, TransferFunction,
-    Unsupported, View,
+    Channels, Counters, Data, DataKind, Frame, Function, HexPatches, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo,
+    RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Sampling, Scene, Stage, Stop, Surface, SurfaceKind,
+    TransferFunction, Unsupported, View,
 };
 use isobar_cpu::scene::{check_medium, check_open_cuts};
 use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
@@ -180,27 +180,23 @@ pub(crate) fn check_kind(info: &'static MethodInfo, data: &Data) -> Result<(), U
     })
 }
 
-/// Whether a grid is drawn cell by cell, without elements: where only isosurfaces are sought, and not in the form as printed.
-fn by_cells(info: &MethodInfo, surfaces: &[Surface]) -> bool {
-    info.id == INFO.id && surfaces.iter().all(|s| s.value().is_some())
+/// Whether a grid is drawn cell by cell, without elements of all: where only isosurfaces are sought.
+fn by_cells(surfaces: &[Surface]) -> bool {
+    surfaces.iter().all(|s| s.value().is_some())
 }
 
 /// Other grids become elements, which there may not be too many of.
 fn check_cells(info: &MethodInfo, data: &Data, surfaces: &[Surface]) -> Result<(), Unsupported> {
     const MOST: usize = 1 << 22;
     match data {
-        Data::Grid(_) if by_cells(info, surfaces) => Ok(()),
+        Data::Grid(_) if by_cells(surfaces) => Ok(()),
         Data::Grid(g)
             if g.dims
                 .iter()
                 .try_fold(1usize, |n, &d| n.checked_mul(d))
                 .is_none_or(|n| n > MOST) =>
         {
-            let what = if info.id == INFO.id {
-                "parametric and boundary surfaces of grids"
-            } else {
-                "grids"
-            };
+            let what = "parametric and boundary surfaces of grids";
             Err(feature(info, format!("{what} of more than {MOST} samples; crop it")))
         }
         _ => Ok(()),
@@ -318,7 +314,7 @@ struct Nurbs {
 impl Nurbs {
     /// Whether the data are drawn cell by cell (a grid of which no other surfaces are known to be sought).
     fn by_cells(&self) -> bool {
-        matches!(self.source.as_deref(), Some(Data::Grid(_))) && by_cells(self.info, self.surfaces.as_deref().unwrap_or_default())
+        matches!(self.source.as_deref(), Some(Data::Grid(_))) && by_cells(self.surfaces.as_deref().unwrap_or_default())
     }
 
     /// Makes what the data and surfaces known so far ask for, where it is not there.
@@ -416,14 +412,14 @@ impl Renderer for Nurbs {
             epsilon: epsilon(view),
         });
         let kept = Kept::default();
+        let stops = stops(&self.request, surfaces, view);
         let frame = self.frame.get_or_insert_with(Frame::default);
         let solvers = &self.solvers;
         let take = || solvers.lock().map_or_else(|_| None, |mut s| s.pop());
         let result = render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
-            if let (Some(manner), Index::Elements(patches, candidates)) = (manner, index) {
+            if let Some(manner) = manner {
                 let draw = DrawPaper {
-                    patches,
-                    candidates,
+                    index,
                     view,
                     surfaces,
                     manner,
@@ -442,6 +438,7 @@ impl Renderer for Nurbs {
                 view,
                 surfaces,
                 claims: self.settings.claims,
+                stops: &stops,
                 frusta,
                 tile,
                 out,
@@ -536,6 +533,13 @@ impl Renderer for Nurbs {
             ("longest list", w.deepest),
         ])
     }
+}
+
+/// Of each surface, whether nothing behind its hits is wanted; of none where clipping planes may cut a hit away.
+fn stops(request: &Request, surfaces: &[Surface], view: &View) -> Vec<bool> {
+    let all = request.layers > 1 || request.channels.contains(Channels::HITS) || !view.clips.is_empty();
+    let colour = request.channels.contains(Channels::RGBA);
+    surfaces.iter().map(|s| !all && (!colour || s.opacity >= 1.0)).collect()
 }
 
 /// Work of all tiles.

@@ -226,10 +226,13 @@ impl Cells {
         let mut rays = std::mem::take(&mut solver.rays);
         rays.clear();
         let mut bernstein = [0.0; 64];
-        self.tree.visit(f, stack, |i| {
-            let brick = &self.marked[i];
+        for (near, i) in self.tree.list(f, stack, solver.ends.is_on()) {
+            if solver.ends.all_behind(f, near) {
+                break;
+            }
+            let brick = &self.marked[i as usize];
             let Some(within) = camera.brick(f, bricks.start(brick.first.map(|i| i as usize))) else {
-                return;
+                continue;
             };
             if rays.is_empty() {
                 rays.extend(f.rays.iter().map(|r| LocalRay::new(&bricks.place, &r.ray)));
@@ -238,6 +241,9 @@ impl Cells {
                 let cell: [usize; 3] = std::array::from_fn(|a| brick.first[a] as usize + at[a]);
                 let start = bricks.start(cell);
                 let Some(pixels) = camera.cell(f, start, within) else { return };
+                let Some(pixels) = solver.ends.open(f, pixels, camera.near(start)) else {
+                    return;
+                };
                 let n = bricks.coefficients(cell, &mut bernstein);
                 let values = &mut bernstein[..n];
                 let ends = range(values);
@@ -261,7 +267,7 @@ impl Cells {
                     }
                 }
             });
-        });
+        }
         solver.rays = rays;
     }
 
@@ -401,6 +407,12 @@ impl Seen {
     #[inline(always)]
     fn cell(&self, f: &Frustum, u: [f64; 3], within: PixelBox) -> Option<PixelBox> {
         rectangle(f, self.place(u.map(|x| x + 0.5)), self.half, self.noise, within)
+    }
+
+    /// At most the depth of all points of the cell that starts at `u`.
+    #[inline(always)]
+    fn near(&self, u: [f64; 3]) -> f64 {
+        self.place(u.map(|x| x + 0.5))[2] - self.half[2] - 2.0 * self.noise
     }
 
     /// Pixels that may see the brick that starts at `u`.

@@ -1,7 +1,7 @@
 //! Martin, Cohen and Kirby, *Direct Isosurface Visualization of Hex-Based High-Order Geometry and Attribute Representations* (IEEE TVCG 2012).
 //!
 //! [`NURBS_CPU`] draws isosurfaces, parametric surfaces and the boundary of rational Bezier elements: all hits, proved with interval Newton on the
-//! system alpha = beta = gamma = 0. [`NURBS_CPU_PAPER`] is the algorithm as printed. The elements, Bezier algebra and readers are in `isobar_fields` and `isobar_io`.
+//! system alpha = beta = gamma = 0. [`NURBS_CPU_PAPER`] is the algorithm as printed. [`orientation()`] tells folded and left-handed elements. The elements, Bezier algebra and readers are in `isobar_fields` and `isobar_io`.
 //!
 //! **Architecture invariants.** No other method is imported. Nothing prints.
 
@@ -10,10 +10,12 @@ mod bernstein;
 mod candidates;
 mod cover;
 mod cpu;
+mod ends;
 mod frustum;
 mod grid;
 mod matrix;
 mod model;
+mod orientation;
 mod paper;
 mod paper_cpu;
 mod paper_forms;
@@ -34,3 +36,4 @@ mod tile;
 mod tree;
 
 pub use cpu::{NURBS_CPU, NURBS_CPU_PAPER, NurbsCpu};
+pub use orientation::{Orientation, orientation};

@@ -13,7 +13,6 @@
 //! sign of delta are found after further subdivision or, at the last level, lost. Nothing is claimed.
 
 use crate::bernstein::{Point, bases, jet};
-use crate::candidates::Candidates;
 use crate::frustum::{Frustum, PixelBox};
 use crate::matrix::{inverse, product};
 use crate::paper_forms::{Forms, evaluate};
@@ -21,6 +20,7 @@ use crate::paper_parts::{Cutting, Part, Parts, bezier};
 use crate::paper_silhouette::{self as silhouette, Region, Square, silhouettes};
 use crate::paper_volume::{Bounds, holds_origin};
 use crate::solve::{Found, Target, Task};
+use crate::tile::Index;
 use glam::DVec3;
 use isobar_core::HexElement;
 use std::collections::HashMap;
@@ -97,11 +97,8 @@ type Key = (u32, u64);
 pub(crate) struct Kept(Mutex<HashMap<Key, Arc<Forms>>>);
 
 impl Kept {
-    fn get(&self, keep: bool, key: Key, make: impl FnOnce() -> Forms) -> Arc<Forms> {
+    fn get(&self, key: Key, make: impl FnOnce() -> Forms) -> Arc<Forms> {
         let known = || self.0.lock().ok().and_then(|m| m.get(&key).cloned());
-        if !keep {
-            return Arc::new(make());
-        }
         known().unwrap_or_else(|| {
             let made = Arc::new(make());
             if let Ok(mut m) = self.0.lock() {
@@ -152,37 +149,39 @@ pub(crate) struct Paper {
 }
 
 impl Paper {
-    /// All pixels of a frustum.
-    pub(crate) fn draw(
-        &mut self,
-        f: &Frustum,
-        wide: &Frustum,
-        candidates: &Candidates,
-        elements: &[HexElement],
-        manner: &Manner,
-        kept: &Kept,
-    ) {
+    /// All pixels of a frustum. The elements of a grid are its cells that reach the isovalue, made for the tile.
+    pub(crate) fn draw(&mut self, f: &Frustum, wide: &Frustum, index: &Index, manner: &Manner, kept: &Kept) {
         self.found.clear();
         self.beside.clear();
         (self.undecided, self.seen) = (vec![false; f.rays.len()], vec![0; f.rays.len()]);
-        let mut tasks: Vec<Task> = Vec::new();
-        candidates.visit(wide, &mut Vec::new(), |t| tasks.push(*t));
-        let keep = f.half > 0.0 && candidates.tasks.len() <= KEPT;
-        for task in &tasks {
-            let Target::Isovalue(c) = task.target else { continue };
-            let element = &elements[task.element as usize];
-            let Some(pixels) = rectangle(wide, element) else { continue };
-            let forms = kept.get(keep, (task.element, c.to_bits()), || {
-                Forms::new(f, element, c, manner.region.is_some())
-            });
-            let mut parts = Parts::new(&forms, manner.cutting);
-            for y in usize::from(pixels.y0)..=usize::from(pixels.y1) {
-                for x in usize::from(pixels.x0)..=usize::from(pixels.x1) {
-                    self.pixel(f, task, &mut parts, y * f.width + x, manner);
-                    self.work.octants = self.work.octants.max(parts.bytes() as u64);
-                    if parts.bytes() > MOST_BYTES {
-                        parts.clear();
-                    }
+        let mut stack = Vec::new();
+        match index {
+            Index::Elements(patches, candidates) => {
+                let keep = f.half > 0.0 && candidates.tasks.len() <= KEPT;
+                candidates.visit(wide, &mut stack, |task| {
+                    let element = &patches.elements[task.element as usize];
+                    self.element(f, wide, element, task, manner, keep.then_some(kept));
+                });
+            }
+            Index::Cells(cells) => cells.elements(wide, &mut stack, |element, task, _| {
+                self.element(f, wide, element, task, manner, None);
+            }),
+        }
+    }
+
+    /// The pixels that may see an element.
+    fn element(&mut self, f: &Frustum, wide: &Frustum, element: &HexElement, task: &Task, manner: &Manner, kept: Option<&Kept>) {
+        let Target::Isovalue(c) = task.target else { return };
+        let Some(pixels) = rectangle(wide, element) else { return };
+        let make = || Forms::new(f, element, c, manner.region.is_some());
+        let forms = kept.map_or_else(|| Arc::new(make()), |k| k.get((task.element, c.to_bits()), make));
+        let mut parts = Parts::new(&forms, manner.cutting);
+        for y in usize::from(pixels.y0)..=usize::from(pixels.y1) {
+            for x in usize::from(pixels.x0)..=usize::from(pixels.x1) {
+                self.pixel(f, task, &mut parts, y * f.width + x, manner);
+                self.work.octants = self.work.octants.max(parts.bytes() as u64);
+                if parts.bytes() > MOST_BYTES {
+                    parts.clear();
                 }
             }
         }

@@ -1,10 +1,10 @@
 //! `nurbs/cpu-paper` on a tile: its epsilon, its filter, its pixels.
 
-use crate::candidates::Candidates;
 use crate::frustum::Frustum;
 use crate::paper::{Kept, Manner, Paper, Work};
 use crate::solve::Found;
-use isobar_core::{Camera, Claim, HexPatches, Hit, Surface, View};
+use crate::tile::Index;
+use isobar_core::{Camera, Claim, Hit, Surface, View};
 use isobar_cpu::{PixelSink, Tile, TileOut};
 
 /// The paper's 1/(2h): as a slope or offset in the frame of the tile, and as the number it is. Lists of rays have no pixels: 1e-8 of the distance.
@@ -20,8 +20,7 @@ pub(crate) fn epsilon(view: &View) -> [f64; 2] {
 /// A scene as the tiles see it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DrawPaper<'a> {
-    pub(crate) patches: &'a HexPatches,
-    pub(crate) candidates: &'a Candidates,
+    pub(crate) index: &'a Index,
     pub(crate) view: &'a View,
     pub(crate) surfaces: &'a [Surface],
     pub(crate) manner: Manner,
@@ -33,15 +32,7 @@ impl DrawPaper<'_> {
     pub(crate) fn tile(&self, tile: Tile, out: &mut TileOut<'_>) -> Work {
         let mut solver = Paper::default();
         for (frustum, (x0, y0)) in Frustum::of_tile(self.view, tile) {
-            let elements = &self.patches.elements;
-            solver.draw(
-                &frustum,
-                &frustum.widened(),
-                self.candidates,
-                elements,
-                &self.manner,
-                self.kept,
-            );
+            solver.draw(&frustum, &frustum.widened(), self.index, &self.manner, self.kept);
             let sorted = |list: &[Found]| {
                 let mut own: Vec<Vec<Found>> = vec![Vec::new(); frustum.rays.len()];
                 list.iter().for_each(|f| own[usize::from(f.pixel)].push(*f));

@@ -57,7 +57,7 @@ pub(crate) fn is_feasible(e: &HexElement) -> bool {
         .is_some_and(|n| n <= MOST_PRODUCTS)
 }
 
-type Poly = Tensor<f64>;
+pub(crate) type Poly = Tensor<f64>;
 
 /// A tensor in a degree at least its own.
 fn raised(mut t: Poly, d: [usize; 3]) -> Poly {
@@ -83,10 +83,10 @@ fn plus(a: Poly, sign: f64, b: Poly) -> Poly {
 
 /// A sum of which nothing is there yet; terms that are zero are left out, so that they raise no degree.
 #[derive(Default)]
-struct Sum(Option<Poly>);
+pub(crate) struct Sum(Option<Poly>);
 
 impl Sum {
-    fn add(&mut self, sign: f64, t: Poly) {
+    pub(crate) fn add(&mut self, sign: f64, t: Poly) {
         if is_zero(&t) {
             return;
         }
@@ -100,7 +100,7 @@ impl Sum {
         });
     }
 
-    fn get(self) -> Poly {
+    pub(crate) fn get(self) -> Poly {
         self.0.unwrap_or(Poly {
             counts: [1; 3],
             values: vec![0.0],
@@ -109,20 +109,20 @@ impl Sum {
 }
 
 /// A polynomial with its gradient.
-struct Smooth {
-    value: Poly,
+pub(crate) struct Smooth {
+    pub(crate) value: Poly,
     gradient: [Poly; 3],
 }
 
 impl Smooth {
-    fn new(value: Poly) -> Self {
+    pub(crate) fn new(value: Poly) -> Self {
         let gradient = [0, 1, 2].map(|axis| value.along(axis, derivative));
         Self { value, gradient }
     }
 }
 
 /// `det (grad a, grad b, grad c)`.
-fn determinant(a: &Smooth, b: &Smooth, c: &Smooth) -> Poly {
+pub(crate) fn determinant(a: &Smooth, b: &Smooth, c: &Smooth) -> Poly {
     let mut sum = Sum::default();
     for i in 0..3 {
         let (j, k) = ((i + 1) % 3, (i + 2) % 3);

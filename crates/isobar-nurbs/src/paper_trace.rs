@@ -8,6 +8,7 @@ use crate::paper_cpu::epsilon;
 use crate::paper_forms::Forms;
 use crate::paper_parts::{Cutting, Parts};
 use crate::paper_volume::{Bounds, axes, extent, holds_origin};
+use crate::tile::Index;
 use isobar_core::{DVec3, DataError, HexElement, HexPatches, Surface, View};
 use isobar_cpu::Tile;
 
@@ -126,9 +127,10 @@ pub fn roots(
     let patches = HexPatches::new(elements.to_vec())?;
     let one = One::new(view, pixel, bounds).ok_or_else(|| DataError::Unknown("the pixel is not in the view".into()))?;
     let candidates = Candidates::new(&patches, &[Surface::isovalue(isovalue, 0)]);
+    let index = Index::Elements(patches, Box::new(candidates));
     let mut paper = Paper::default();
     let f = &one.frustum;
-    paper.draw(f, &f.widened(), &candidates, &patches.elements, &one.manner, &Kept::default());
+    paper.draw(f, &f.widened(), &index, &one.manner, &Kept::default());
     let direction = f.rays[0].ray.direction;
     let pairs = |list: &[crate::solve::Found]| list.iter().map(|f| (f.t, f.normal.dot(direction).signum())).collect();
     let mut own = paper.found;

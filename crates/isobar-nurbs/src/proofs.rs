@@ -5,7 +5,8 @@ use crate::tests::{annulus, element, hexes, request};
 use isobar_core::{
     Camera, Claim, DMat3, DVec3, Data, Frame, Grid, Knobs, Method, Ray, Samples, Stage, Stop, Surface, SurfaceKind, View,
 };
-use isobar_oracle::{Check, Truth, check};
+use isobar_oracle::{Check, Multiplicity, Oracle, Truth, check};
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -75,6 +76,94 @@ impl Random {
     }
 }
 
+/// Rays of a view.
+const BATCH: usize = 50_000;
+
+/// Rays of a hard case: 10^6 under `cargo xtask test --full`.
+fn many() -> usize {
+    if std::env::var_os("ISOBAR_FULL").is_some_and(|v| v == "1") {
+        1_000_000
+    } else {
+        100_000
+    }
+}
+
+/// What became of the rays of a view, all hits against all certified roots.
+#[derive(Debug, Default, Clone, Copy)]
+struct Tally {
+    roots: usize,
+    /// Rays with a hit too many, too few, or farther than 1e-10 of t (and the certified bracket) from its root.
+    wrong: usize,
+    /// Rays of which a claim is not true, or that have no hit and neither EMPTY nor LIMIT.
+    refuted: usize,
+    /// Rays that neither this method (LIMIT) nor the oracle (a root that is not simple, or a part of the ray left open) decides.
+    open: usize,
+    /// Rays that only this method leaves open.
+    limits: usize,
+    /// Greatest |t - root| / t of the rest.
+    worst: f64,
+}
+
+impl Tally {
+    fn and(self, o: Self) -> Self {
+        Self {
+            roots: self.roots + o.roots,
+            wrong: self.wrong + o.wrong,
+            refuted: self.refuted + o.refuted,
+            open: self.open + o.open,
+            limits: self.limits + o.limits,
+            worst: self.worst.max(o.worst),
+        }
+    }
+}
+
+/// Every hit of every ray against the oracle.
+fn all_hits(data: &Arc<Data>, c: f64, view: &View) -> Tally {
+    const LAYERS: usize = 16;
+    let mut r = NURBS_CPU.open(&request(LAYERS)).unwrap();
+    r.set_data(data).unwrap();
+    r.set_surfaces(&[Surface::isovalue(c, 0)]).unwrap();
+    r.set_view(view).unwrap();
+    r.render(&Stop::default()).unwrap();
+    let mut f = Frame::default();
+    r.read(&mut f).unwrap();
+    let oracle = Oracle::new(r.reconstruction(Stage::Stored).unwrap(), c);
+    let n = view.pixels();
+    let one = |i: usize| {
+        let truth = oracle.all(&view.ray(i % view.width, i / view.width));
+        let hits: Vec<f64> = (0..usize::from(f.hits[i]).min(LAYERS)).map(|l| f.t[l * n + i]).collect();
+        let (claim, e) = (f.claim[i], f.t_error[i]);
+        let decided = truth.unresolved.is_empty();
+        let first = truth.roots.first();
+        let exists = |t: f64| truth.roots.iter().any(|r| r.lo <= t + e && t - e <= r.hi);
+        let refuted = claim.contains(Claim::EMPTY) && first.is_some()
+            || claim.contains(Claim::EXISTS) && decided && !exists(hits[0])
+            || claim.contains(Claim::FIRST) && first.is_some_and(|r| r.hi < hits[0] - e)
+            || hits.is_empty() && !claim.intersects(Claim::EMPTY | Claim::LIMIT);
+        let simple = decided && truth.roots.iter().all(|r| r.multiplicity == Multiplicity::Simple);
+        let mut tally = Tally {
+            roots: truth.roots.len(),
+            refuted: usize::from(refuted),
+            ..Tally::default()
+        };
+        match (simple, claim.contains(Claim::LIMIT)) {
+            (true, false) => {
+                let off = hits
+                    .iter()
+                    .zip(&truth.roots)
+                    .map(|(t, r)| r.distance(*t) / t.abs().max(1e-3))
+                    .fold(0.0, f64::max);
+                tally.wrong = usize::from(hits.len() != truth.roots.len() || off > 1e-10);
+                tally.worst = off;
+            }
+            (true, true) => tally.limits = 1,
+            _ => tally.open = 1,
+        }
+        tally
+    };
+    (0..n).into_par_iter().map(one).reduce(Tally::default, Tally::and)
+}
+
 /// Rays through the bounds from about them, and some from inside.
 fn rays(data: &Data, n: usize, seed: u64) -> View {
     let (lo, hi) = data.bounds();
@@ -114,6 +203,7 @@ fn hard_elements_on_random_rays() {
     );
     left.points[3][3] = 2.5;
     left.points[8][3] = 0.2;
+    let mut said = Vec::new();
     for (name, e, c) in [
         ("annulus", annulus(), 0.5),
         ("folded", folded, 0.25),
@@ -132,11 +222,89 @@ fn hard_elements_on_random_rays() {
             check.hits,
             check.unclaimed
         );
+        let n = many();
+        // A view has at most 65,536 rays.
+        let views = (0..n / BATCH).map(|k| rays(&data, BATCH, 23 + k as u64));
+        let tally = views.map(|v| all_hits(&data, c, &v)).fold(Tally::default(), Tally::and);
+        said.push(format!("{name}: {tally:?}"));
+        assert!(
+            tally.roots > n / 50 && tally.wrong == 0 && tally.refuted == 0,
+            "{name}: {tally:?}"
+        );
+        assert!(tally.limits + tally.open <= n / 10_000, "{name}: {tally:?}");
     }
+    use std::io::Write;
+    let _ = writeln!(std::io::stdout(), "{}", said.join("\n"));
+}
+
+/// Eyes in, on and beside elements: control points before, behind and in the plane of the eye, none of which is divided by.
+#[test]
+fn elements_across_the_plane_of_the_eye() {
+    let mut curved = annulus();
+    (curved.value_degree, curved.values) = ([1, 1, 1], (0..8).map(|i| f64::from(i * 5 % 7) / 7.0).collect());
+    let data = hexes(vec![curved]);
+    let mut hits = 0;
+    for eye in [
+        DVec3::new(1.0, 0.0, 0.0),
+        DVec3::new(1.1, 0.9, 0.45),
+        DVec3::new(0.0, 1.5, 0.25),
+        DVec3::new(2.0, 2.0, 1.0),
+        DVec3::new(0.4, 0.4, 0.5),
+    ] {
+        for target in [
+            DVec3::new(0.2, 1.4, 0.6),
+            DVec3::new(1.9, 0.3, 0.1),
+            eye + DVec3::X,
+            eye + DVec3::Y,
+        ] {
+            let perspective = View::perspective(eye, target, DVec3::Z, 110.0, 20, 20);
+            let parallel = View {
+                camera: Camera::Orthographic {
+                    eye,
+                    target,
+                    up: DVec3::Z,
+                    height: 1.3,
+                },
+                ..perspective.clone()
+            };
+            for view in [perspective, parallel] {
+                let check = clean("across", &data, &[Surface::isovalue(0.45, 0)], &view);
+                let tally = all_hits(&data, 0.45, &view);
+                assert!(tally.wrong == 0 && tally.refuted == 0, "{eye} {target}: {tally:?}");
+                hits += check.hits;
+            }
+        }
+    }
+    assert!(hits > 2000, "{hits}");
+}
+
+/// An attribute that jumps between two elements: the surface has a crack, and rays go through it.
+#[test]
+fn cracks_of_discontinuous_attributes_stay() {
+    let left = element([1; 3], |u| u, [1, 1, 0], &[0.0, 0.3, 1.0, 1.3]);
+    let right = element([1; 3], |[u, v, w]| [1.0 + u, v, w], [0, 1, 0], &[-0.1, 0.9]);
+    let data = hexes(vec![left, right]);
+    // At x = 1 the surface ends at y = 0.2 on the left and goes on at y = 0.6.
+    let along = |y: f64| Ray {
+        origin: DVec3::new(-1.0, y, 0.5),
+        direction: DVec3::X,
+    };
+    let f = crate::tests::draw(
+        &data,
+        &[Surface::isovalue(0.5, 0)],
+        &View::rays(vec![along(0.4), along(0.55), along(0.1)]),
+        2,
+    );
+    assert_eq!(f.hits[..3], [1, 0, 0], "{:?}", f.t);
+    assert!((f.t[0] - 4.0 / 3.0).abs() < 1e-13 && f.claim[1..3].iter().all(|c| c.contains(Claim::EMPTY)));
+    let view = rays(&data, 3000, 19);
+    assert!(clean("cracks", &data, &[Surface::isovalue(0.5, 0)], &view).hits > 500);
+    let tally = all_hits(&data, 0.5, &view);
+    assert!(tally.wrong == 0 && tally.refuted == 0, "{tally:?}");
 }
 
 /// A grid of noise, its axes the world's, mirrored, or oblique.
-fn noise(dims: [usize; 3], direction: DMat3) -> Grid {
+pub(crate) fn noise(dims: [usize; 3], direction: DMat3) -> Grid {
     let mut random = Random(11);
     let samples: Vec<u8> = (0..dims.iter().product()).map(|_| (random.next() * 256.0) as u8).collect();
     let (spacing, origin) = (DVec3::new(0.7, 1.1, 1.3), DVec3::new(-2.0, 40.0, 3.0));
@@ -416,6 +584,11 @@ fn files_agree_with_the_oracle() {
         let view = View::fit(data.bounds(), 40.0, 48, 36);
         let check = clean(file, &data, &[Surface::isovalue(c, 0)], &view);
         assert!(check.hits > 10, "{file}: {}", check.hits);
+        let tally = all_hits(&data, c, &view);
+        assert!(
+            tally.wrong == 0 && tally.refuted == 0 && tally.limits <= 8,
+            "{file}: {tally:?}"
+        );
         assert!(
             check.unclaimed <= 8 + check.undecidable,
             "{file}: {} unclaimed, {} undecidable",

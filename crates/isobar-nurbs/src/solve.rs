@@ -19,6 +19,7 @@
 
 use crate::affine::{LocalRay, exact_box, is_near};
 use crate::bernstein::{Lanes, Point, bases, count, halve, jet, range, value_roundings};
+use crate::ends::Ends;
 use crate::frustum::{EPS, Frustum, PixelBox};
 use crate::matrix::{inverse, product};
 use crate::model::{Derivatives, Model, survivors};
@@ -113,6 +114,8 @@ pub(crate) struct Solver {
     /// The tile's rays in the index space of a grid.
     pub(crate) rays: Vec<LocalRay>,
     pub(crate) found: Vec<Found>,
+    /// Per pixel: how far along its ray roots are wanted.
+    pub(crate) ends: Ends,
     /// Per pixel: whether something was left undecided.
     pub(crate) undecided: Vec<bool>,
     /// Per pixel: pieces that were looked at for it, where asked for.
@@ -138,8 +141,9 @@ pub(crate) struct Constants {
 
 impl Solver {
     /// Ready for the pixels of a frustum.
-    pub(crate) fn begin(&mut self, pixels: usize, heat: bool) {
+    pub(crate) fn begin(&mut self, pixels: usize, heat: bool, stops: &[bool]) {
         self.found.clear();
+        self.ends.begin(stops, pixels);
         self.undecided.clear();
         self.undecided.resize(pixels, false);
         self.seen = heat.then(|| vec![0; pixels]);
@@ -266,6 +270,14 @@ impl Solver {
         let Some(b) = project(f, k, &piece, points, ends) else {
             return self.drop_piece(k);
         };
+        let near = if self.ends.is_on() {
+            nearest(k, &piece, points, ends.0[3])
+        } else {
+            0.0
+        };
+        let Some(b) = self.ends.open(f, b, near) else {
+            return self.drop_piece(k);
+        };
         piece.pixels = b;
         if let Some(seen) = &mut self.seen {
             for y in usize::from(b.y0)..=usize::from(b.y1) {
@@ -317,9 +329,20 @@ impl Solver {
         }
         let mut upper = piece;
         upper.faces &= !(1 << (2 * axis));
-        self.stack.push(upper);
         piece.faces &= !(2 << (2 * axis));
-        self.stack.push(piece);
+        self.stack.extend([upper, piece]);
+        // The nearer half on top where what is behind a root is not wanted.
+        if self.ends.is_on() {
+            let depth = |p: &[Point]| p.iter().map(|p| p[2]).sum::<f64>();
+            let (upper, lower) = self.points[at - n..].split_at_mut(n);
+            if depth(upper) < depth(lower) {
+                upper.swap_with_slice(lower);
+                let (upper, lower) = self.values[av - m..].split_at_mut(m);
+                upper.swap_with_slice(lower);
+                let top = self.stack.len();
+                self.stack.swap(top - 1, top - 2);
+            }
+        }
     }
 
     /// The pixels of an injective piece, one by one; a rectangle about those that could not be decided.
@@ -335,7 +358,10 @@ impl Solver {
                     continue;
                 }
                 match self.newton(f, task, k, piece, m, pixel, d) {
-                    Outcome::Root(found) => self.found.push(found),
+                    Outcome::Root(found) => {
+                        self.ends.note(&found);
+                        self.found.push(found);
+                    }
                     Outcome::None => {}
                     Outcome::Lost => left = Some(PixelBox::with(left, x as u16, y as u16)),
                 }
@@ -490,6 +516,13 @@ pub(crate) fn normal(f: &Frustum, p: Point, d: [Point; 3], g: [f64; 3]) -> DVec3
     let n = n * a.dot(bc).signum();
     let world = f.right * n.x + f.up * n.y + f.forward * n.z;
     world.normalize_or(DVec3::ZERO)
+}
+
+/// At most the depth of all points of a piece whose weights are at least `least`.
+#[inline(always)]
+fn nearest(k: &Constants, piece: &Piece, points: &[Point], least: f64) -> f64 {
+    let near = points.iter().fold(f64::INFINITY, |m, p| m.least(p[2] / p[3]));
+    near - 2.0 * EPS * (piece.geometry + 4.0) * (k.scale + near.abs() * k.weight) / least
 }
 
 /// The pixels whose rays may pass the control points of a piece; `None`: none do.

@@ -22,6 +22,8 @@ pub(crate) struct DrawTile<'a, 'b> {
     pub(crate) view: &'a View,
     pub(crate) surfaces: &'a [Surface],
     pub(crate) claims: bool,
+    /// Per surface whether nothing behind its hits is wanted.
+    pub(crate) stops: &'a [bool],
     /// Whether pixels that the centre ray misses are searched as frusta.
     pub(crate) frusta: bool,
     pub(crate) tile: Tile,
@@ -39,6 +41,7 @@ impl Kernel for DrawTile<'_, '_> {
             view,
             surfaces,
             claims,
+            stops,
             frusta,
             tile,
             out,
@@ -47,11 +50,17 @@ impl Kernel for DrawTile<'_, '_> {
         let heat = out.holds(Channels::WORK);
         let mut nodes = Vec::new();
         for (frustum, (x0, y0)) in Frustum::of_tile(view, tile) {
-            solver.begin(frustum.rays.len(), heat);
+            solver.begin(frustum.rays.len(), heat, stops);
             match index {
-                Index::Elements(patches, candidates) => candidates.visit(&frustum, &mut nodes, |task| {
-                    solver.solve(&frustum, &patches.elements[task.element as usize], task);
-                }),
+                Index::Elements(patches, candidates) => {
+                    for (near, i) in candidates.list(&frustum, &mut nodes, solver.ends.is_on()) {
+                        if solver.ends.all_behind(&frustum, near) {
+                            break;
+                        }
+                        let task = &candidates.tasks[i as usize];
+                        solver.solve(&frustum, &patches.elements[task.element as usize], task);
+                    }
+                }
                 Index::Cells(cells) => cells.solve(&frustum, solver, &mut nodes),
             }
             solver

@@ -64,6 +64,26 @@ impl Tree {
         size_of_val(&self.bvh.nodes[..]) + self.bvh.primitive_indices.len() * 4 + size_of_val(&self.boxes[..])
     }
 
+    /// The boxes the rays of the frustum may meet, with their least depths, by these where `sorted`.
+    #[inline(always)]
+    pub(crate) fn list(&self, f: &Frustum, stack: &mut Vec<u32>, sorted: bool) -> Vec<(f64, u32)> {
+        let mut out = Vec::new();
+        self.visit(f, stack, |i| out.push((self.depth(f, i), i as u32)));
+        if sorted {
+            out.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        }
+        out
+    }
+
+    /// At most the depth of all points of a box.
+    #[inline(always)]
+    fn depth(&self, f: &Frustum, i: usize) -> f64 {
+        let (lo, hi) = self.boxes[i];
+        let size = f.forward.abs().dot(lo.abs().max(hi.abs()) + f.eye.abs());
+        let least = (f.forward * lo).min(f.forward * hi).element_sum() - f.forward.dot(f.eye);
+        least - 16.0 * EPS * size - self.noise * f.forward.abs().element_sum()
+    }
+
     /// Calls `visit` for every box the rays of the frustum may meet.
     #[inline(always)]
     pub(crate) fn visit(&self, f: &Frustum, stack: &mut Vec<u32>, mut visit: impl FnMut(usize)) {

@@ -1,4 +1,4 @@
-//! Figures of Martin, Cohen and Kirby with our data: `cargo run --release -p isobar-nurbs --example figures -- FOLDER [NAME]` writes PNG files and prints what each took. Data: $ISOBAR_DATA, else shared/data.
+//! Figures of Martin, Cohen and Kirby with our data: `cargo run --release -p isobar-nurbs --example nurbs_figures -- FOLDER [NAME]` writes PNG files and prints what each took. Data: $ISOBAR_DATA, else shared/data.
 //!
 //! | name | panels |
 //! |---|---|
@@ -6,7 +6,7 @@
 //! | 2 | the same by marching tetrahedra (300,000), by `nurbs/cpu`, and the attribute on the isoparametric surface u = 1/2 |
 //! | 3 | silicium at 130: marching tetrahedra on the samples' cells, the tri-cubic spline direct |
 //! | 6 | cylinder: Newton's method on the inverse map with its black pixels in red, `nurbs/cpu` |
-//! | 8 | a torus in squares of pixels: type 1 blue, type 2 green, type 3 gold (COVERED, the ray misses) |
+//! | 8 | a ball in squares of pixels: type 1 blue, type 2 green, type 3 gold (COVERED, the ray misses) |
 //! | 9 | the teardrop's element and a ray; its faces in the space of (alpha, beta, gamma), with the origin |
 //! | 10 | the list L of that pixel at level 5, as boxes of parameters: axis-aligned, oriented |
 //! | 11 | oriented boxes about one root, levels 0 to 6, in the space of (alpha, beta, gamma) |
@@ -41,7 +41,7 @@ type Figure = fn(&Path) -> Result<(), Failure>;
 
 fn main() -> Result<(), Failure> {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let folder = Path::new(args.first().ok_or("figures FOLDER [name]")?);
+    let folder = Path::new(args.first().ok_or("nurbs_figures FOLDER [name]")?);
     std::fs::create_dir_all(folder)?;
     let all: [(&str, Figure); 14] = [
         ("1c", scenes::one),

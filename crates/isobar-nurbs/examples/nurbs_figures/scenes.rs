@@ -14,6 +14,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 const SIZE: usize = 384;
+/// How far the camera is from the teardrop's element, in half diagonals: all of it is in the picture.
+const AWAY: f64 = 2.7;
 
 /// A frame with every channel.
 fn frame(
@@ -61,7 +63,7 @@ fn patches(data: &Data) -> Result<HexPatches, Failure> {
 
 pub(crate) fn one(path: &Path) -> Result<(), Failure> {
     let (data, c) = common::teardrop()?;
-    let view = turn(&data, 0.12, 1.9, 512);
+    let view = turn(&data, 0.12, AWAY, 512);
     write(path, &[picture(&ours(&Arc::new(data), &[Surface::isovalue(c, 0)], &view)?)])
 }
 
@@ -94,7 +96,7 @@ fn marched(data: &Data, c: f64, view: &View, cells: usize) -> Result<RgbImage, F
 
 pub(crate) fn two(path: &Path) -> Result<(), Failure> {
     let (data, c) = common::teardrop()?;
-    let view = turn(&data, 0.12, 1.9, SIZE);
+    let view = turn(&data, 0.12, AWAY, SIZE);
     let tets = marched(&data, c, &view, 37)?;
     let own = patches(&data)?;
     let data = Arc::new(data);
@@ -121,7 +123,7 @@ pub(crate) fn two(path: &Path) -> Result<(), Failure> {
 
 pub(crate) fn three(path: &Path) -> Result<(), Failure> {
     let (data, c) = common::silicium()?;
-    let view = turn(&data, 0.1, 1.5, SIZE);
+    let view = turn(&data, 0.1, 1.9, SIZE);
     let Data::Grid(g) = common::shared("structured/silicium_98x34x34.nhdr")? else {
         return Err("no grid".into());
     };
@@ -261,7 +263,7 @@ pub(crate) fn twelve(path: &Path) -> Result<(), Failure> {
 pub(crate) fn fourteen(path: &Path) -> Result<(), Failure> {
     const PIXELS: usize = 128;
     let (data, c) = common::teardrop()?;
-    let view = turn(&data, 0.12, 1.9, PIXELS);
+    let view = turn(&data, 0.12, AWAY, PIXELS);
     let data = Arc::new(data);
     let mut panels = Vec::new();
     for bounds in ["aabb", "obb"] {
