@@ -10,6 +10,8 @@
 @group(0) @binding(7) var<storage, read> multipliers: array<u32>;
 @group(0) @binding(8) var<storage, read_write> hits: array<Hit>;
 @group(0) @binding(9) var<storage, read_write> pixels: array<Pixel>;
+// Rays that paused in this pass.
+@group(0) @binding(10) var<storage, read_write> unfinished: atomic<u32>;
 
 // The number after which whole numbers are no longer exact, and no ray has more samples.
 const MOST_SAMPLES: f32 = 16777216.0;
@@ -19,12 +21,30 @@ const FAR: f32 = 1e30;
 var<private> pixel: u32;
 var<private> found: u32;
 var<private> work: u32;
-// Where the last segment ended, the number of the sample there and the field there; the next increment where positions are summed.
+// Where the last segment ended, the number of the sample there and the field there.
 var<private> begun: bool;
 var<private> end: f32;
 var<private> next: f32;
 var<private> before: f32;
-var<private> increment: f32;
+// A stretch that was begun in the pass before goes on where it stopped.
+var<private> inside: bool;
+// The macrocells of a node go on at that of the pass before.
+var<private> within: bool;
+// As in Ray.
+var<private> state: u32;
+var<private> resume: f32;
+var<private> block: vec3<i32>;
+
+// Takes one turn of a loop; where there is none left, the ray pauses, to go on at u in the next pass.
+fn spent(u: f32, where_it_is: u32) -> bool {
+    turns++;
+    if turns <= params.turns {
+        return false;
+    }
+    state = where_it_is;
+    resume = u;
+    return true;
+}
 
 fn field(u: f32) -> f32 {
     work++;
@@ -46,6 +66,7 @@ fn peak(which: u32, bracket: vec2<f32>, less: vec2<f32>) -> bool {
     var t = bracket;
     var d = less;
     var x = secant(t, d);
+    turns += params.iterations;
     for (var i = 1u; i < params.iterations; i++) {
         let f = field(x) - level.value;
         if (f < 0.0) != (d.x < 0.0) {
@@ -81,6 +102,7 @@ fn bin(v: f32) -> u32 {
 fn segment(u0: f32, u1: f32, f0: f32, f1: f32) -> bool {
     var crossed = false;
     if params.mode != MEDIUM {
+        turns += 4u;
         var list = peak_table[bin(f0) * params.peak_bins + bin(f1)];
         for (var i = 0u; i < 4u; i++) {
             let which = list & 255u;
@@ -107,34 +129,39 @@ fn segment(u0: f32, u1: f32, f0: f32, f1: f32) -> bool {
 // Samples all segments that begin before `stop` and reach over `start`, M steps at once. Returns whether to go on.
 fn stretch(start: f32, stop: f32, m: f32) -> bool {
     let summed = params.law == PRINTED;
-    // Where increments are summed, each macrocell begins with the closed form again, as printed.
-    let n = sample_before(select(start, max(start, end), summed && begun));
-    if summed || n > next || !begun {
-        let u = max(place(n), 0.0);
-        if u != end || !begun {
-            end = u;
-            before = field(u);
+    if inside {
+        inside = false;
+    } else {
+        // Where increments are summed, each macrocell begins with the closed form again, as printed.
+        let n = sample_before(select(start, max(start, end), summed && begun));
+        if summed || n > next || !begun {
+            let u = max(place(n), 0.0);
+            if u != end || !begun {
+                end = u;
+                before = field(u);
+            }
+            begun = true;
+            next = n;
         }
-        begun = true;
-        next = n;
-        increment = ray.step + ray.growth * n;
     }
     while end < stop {
+        if spent(start, INSIDE) {
+            return false;
+        }
         let k = next + m;
         if k >= MOST_SAMPLES {
             return false;
         }
         var u = 0.0;
         if summed {
-            u = end + m * increment + 0.5 * ray.growth * m * (m - 1.0);
-            increment += m * ray.growth;
+            u = end + (m * (ray.step + ray.growth * next) + 0.5 * ray.growth * m * (m - 1.0));
         } else {
             u = place(k);
         }
         u = min(u, ray.length);
+        next = k;
         // Steps below the last digit end nowhere.
         if u <= end {
-            next = k;
             if place(k) > stop {
                 return true;
             }
@@ -146,7 +173,6 @@ fn stretch(start: f32, stop: f32, m: f32) -> bool {
         }
         end = u;
         before = v;
-        next = k;
     }
     return true;
 }
@@ -169,11 +195,14 @@ fn face_at(axis: u32, at: i32) -> f32 {
     return (f32(at) - entry[axis]) * inverse[axis];
 }
 
-fn walk_begun(log: u32, t: f32, lo: vec3<i32>, hi: vec3<i32>) -> Walk {
-    let cell = vec3<i32>(floor(entry + t * ray.direction));
-    let at = clamp(cell >> vec3(log), lo, hi);
+fn walk_at(log: u32, at: vec3<i32>) -> Walk {
     let faces = (at + upwards) << vec3(log);
     return Walk(at, vec3(face_at(0u, faces.x), face_at(1u, faces.y), face_at(2u, faces.z)));
+}
+
+fn walk_begun(log: u32, t: f32, lo: vec3<i32>, hi: vec3<i32>) -> Walk {
+    let cell = vec3<i32>(floor(entry + t * ray.direction));
+    return walk_at(log, clamp(cell >> vec3(log), lo, hi));
 }
 
 fn exit_axis(w: Walk) -> u32 {
@@ -202,8 +231,16 @@ fn through_node(node: vec3<i32>, start: f32, stop: f32) -> bool {
     let lo = node << vec3(2u);
     let hi = min(lo + 3, params.macrocells - 1);
     var w = walk_begun(2u, start, lo, hi);
+    if within {
+        w = walk_at(2u, ray.block);
+        within = false;
+    }
     var t = start;
     loop {
+        block = w.at;
+        if spent(t, AT_MACROCELL) {
+            return false;
+        }
         let axis = exit_axis(w);
         let t1 = max(min(w.exits[axis], stop), t);
         let b = bit_of(w.at);
@@ -231,12 +268,19 @@ fn through_node(node: vec3<i32>, start: f32, stop: f32) -> bool {
     return true;
 }
 
-fn through_volume() {
+fn through_volume(start: f32) {
     let lo = vec3(0);
     let hi = params.nodes - 1;
-    var w = walk_begun(4u, 0.0, lo, hi);
-    var t = 0.0;
+    var w = walk_begun(4u, start, lo, hi);
+    if params.pass_number > 0u {
+        w = walk_at(4u, select(ray.block >> vec3(2u), ray.block, ray.state == AT_NODE));
+    }
+    var t = start;
     loop {
+        block = w.at;
+        if spent(t, AT_NODE) {
+            return;
+        }
         let axis = exit_axis(w);
         let t1 = max(min(w.exits[axis], ray.length), t);
         if !through_node(w.at, t, t1) || t1 >= ray.length {
@@ -258,23 +302,57 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     ray = rays[pixel];
+    if params.pass_number > 0u && ray.state == DONE {
+        return;
+    }
     seen = unit(params.axes * ray.direction);
+    turns = 0u;
+    state = DONE;
     colour = vec3(0.0);
     clear = 1.0;
     found = 0u;
     work = 0u;
     begun = false;
+    inside = false;
+    within = false;
+    block = vec3(0);
     end = -FAR;
     next = 0.0;
+    var start = 0.0;
+    if params.pass_number > 0u {
+        let p = pixels[pixel];
+        colour = vec3(p.red, p.green, p.blue);
+        clear = ray.clear;
+        found = p.hits;
+        work = p.work;
+        end = ray.end;
+        next = ray.next;
+        start = ray.resume;
+        inside = ray.state == INSIDE;
+        within = ray.state != AT_NODE;
+        begun = end > -FAR;
+        if begun {
+            before = value(position(end));
+        }
+    }
     if ray.length >= 0.0 {
         entry = ray.origin + params.shift;
         inverse = select(vec3(0.0), 1.0 / ray.direction, ray.direction != vec3(0.0));
         upwards = select(vec3(0), vec3(1), ray.direction >= vec3(0.0));
         if (params.flags & MACROCELLS) != 0u {
-            through_volume();
+            through_volume(start);
         } else {
-            stretch(0.0, ray.length, 1.0);
+            stretch(start, ray.length, 1.0);
         }
     }
     pixels[pixel] = Pixel(colour.x, colour.y, colour.z, 1.0 - clear, found, work);
+    rays[pixel].state = state;
+    if state != DONE {
+        rays[pixel].end = end;
+        rays[pixel].next = next;
+        rays[pixel].clear = clear;
+        rays[pixel].resume = resume;
+        rays[pixel].block = block;
+        atomicAdd(&unfinished, 1u);
+    }
 }

@@ -30,9 +30,11 @@ struct Params {
     iterations: u32,
     layers: u32,
     values: u32,
-    unused_0: u32,
-    unused_1: u32,
-    unused_2: u32,
+    // of loops that a ray may take in one pass, and the number of the pass
+    turns: u32,
+    pass_number: u32,
+    // 0, which no compiler knows
+    nothing: u32,
     // index-space direction to world direction, up to a factor
     axes: mat3x3<f32>,
     // index-space gradient to world gradient, up to a factor
@@ -52,8 +54,22 @@ struct Ray {
     growth: f32,
     // world length of a voxel along the ray
     unit: f32,
+    // What a pass that ran out of turns leaves to the next: whether it did, the last sample taken (-FAR where there is none) and its number, what is seen through, and in which block
+    // and at which parameter to go on.
+    state: u32,
+    end: f32,
+    next: f32,
+    clear: f32,
+    resume: f32,
+    block: vec3<i32>,
     unused: f32,
 }
+
+// Ray.state: the ray is done; it paused before a node, before a macrocell, or inside one.
+const DONE: u32 = 0u;
+const AT_NODE: u32 = 1u;
+const AT_MACROCELL: u32 = 2u;
+const INSIDE: u32 = 3u;
 
 // Bits of Params.flags.
 const COUNT_ALL: u32 = 1u;

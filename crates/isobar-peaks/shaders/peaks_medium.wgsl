@@ -10,6 +10,8 @@ const DARK: f32 = 1.0 / 16384.0;
 // Premultiplied, and what is still seen through.
 var<private> colour: vec3<f32>;
 var<private> clear: f32;
+// Of loops, in this pass.
+var<private> turns: u32;
 // The ray's direction in the world.
 var<private> seen: vec3<f32>;
 
@@ -65,6 +67,7 @@ fn integrated(a: f32, b: f32) -> Segment {
     let fx = x - f32(i);
     let fy = y - f32(j);
     var out = Segment(0.0, vec3(0.0), vec3(0.0));
+    turns += 4u;
     for (var c = 0u; c < 4u; c++) {
         let p = c >> 1u;
         let q = c & 1u;

@@ -1,6 +1,6 @@
 // Where a ray is sampled: Knoll et al. 2009, section 5. The twin of src/sampling.rs, counted from the last sample at or before the entry.
 
-@group(0) @binding(2) var<storage, read> rays: array<Ray>;
+@group(0) @binding(2) var<storage, read_write> rays: array<Ray>;
 
 // The ray of this invocation.
 var<private> ray: Ray;
@@ -21,12 +21,17 @@ fn log_of_one_more(x: f32) -> f32 {
     return log(1.0 + x);
 }
 
-// The place of sample k.
+// x, rounded: WGSL lets a compiler join a product and a sum into one operation with one rounding, here and not there, so that a sample would have two places.
+fn rounded(x: f32) -> f32 {
+    return bitcast<f32>(bitcast<u32>(x) ^ params.nothing);
+}
+
+// The place of sample k: the same bits wherever it is asked for.
 fn place(k: f32) -> f32 {
     if params.law == GEOMETRIC {
-        return ray.first + ray.step * exp_less_one(ray.growth * k);
+        return ray.first + rounded(ray.step * exp_less_one(ray.growth * k));
     }
-    return ray.first + k * (ray.step + 0.5 * ray.growth * k);
+    return ray.first + rounded(k * (ray.step + rounded(0.5 * ray.growth * k)));
 }
 
 // The last sample at or before u, whatever the rounding of the inverse.

@@ -77,6 +77,12 @@ impl Track {
         self.sign = sign;
     }
 
+    /// The same where nothing is in doubt.
+    #[inline(always)]
+    pub(crate) const fn stays(&mut self, sign: i8) {
+        self.sign = sign;
+    }
+
     /// Nothing is known any more: a gap in the ray, or its end.
     pub(crate) fn end(&mut self, value: usize, short: f64, out: &mut Vec<Crossing>) {
         self.close(0, value, short, out);
@@ -84,7 +90,8 @@ impl Track {
     }
 
     /// Whether a stretch is in doubt.
-    pub(crate) fn is_open(&self) -> bool {
+    #[inline(always)]
+    pub(crate) const fn is_open(&self) -> bool {
         self.doubt.is_some()
     }
 

@@ -3,7 +3,7 @@
 //! Knoll et al. 2009, section 4, with another way to find the peaks: instead of the rule of signs between samples, the exact polynomial of the field in each
 //! cell (`volume.rs`, `crossings.rs`). Opacity of a peak is unscaled, and its value is the isovalue itself, as in section 4.2. The medium is integrated on
 //! stretches of a cell along which the field is as good as linear ([`crate::Medium::stretch`]): as many as keep its distance from a chord below the knob
-//! `tolerance` times the range of the values, and, where the field turns within the cell, below a quarter of the narrowest feature of the transfer function there.
+//! `tolerance` times the range of the values, and more where the transfer function has narrower features there (`Way::chords_of`). Cells are taken one at a time, or eight (`eight.rs`).
 //!
 //! **Claims.** With no medium to be seen, EXISTS, FIRST and EMPTY are what `crossings.rs` proves, given the bound of `volume.rs`: (steep E + rounding + steep L) M, with E the error of
 //! a position, L how far the ray travels between the domain shrunk and grown by E, clipping planes by their own error (`space.rs`, `isobar_cpu::clip`), M the range of the coefficients. Cells are passed by only where their range
@@ -11,15 +11,31 @@
 //! wrong one of two cells is covered, because both fields agree on the face and leave it by at most steep M E. Rays whose bound exceeds [`MARGIN`] (eyes more than some 10^8
 //! voxels away) claim nothing.
 
+mod eight;
+
 use crate::crossings::{Crossing, Stretch, Track};
-use crate::macrocells::{LOG, Visible, Visit, bit, span};
+use crate::macrocells::{LOG, Macrocells, Visible, Visit, bit, span};
 use crate::medium::{Medium, Sums, opacity};
 use crate::sink::Sink;
 use crate::space::{Dda, Entry, Walk, three};
 use crate::volume::{Form, MOST, Volume};
 use glam::DVec3;
 use isobar_core::{Claim, ClipPlane, Hit, Ray};
+use isobar_cpu::packet::{LANES, Lanes};
 use isobar_poly::bernstein;
+use std::marker::PhantomData;
+
+/// Features narrower than this times the tolerance are looked at.
+const FINE: f64 = 4.0;
+
+/// Inverse of the part by which the field's slope may change along a chord through one.
+const TURN: f64 = 4.0;
+
+/// Most chords for the sake of a feature: enough for those of 1e-6 of the range where the field bends by all of it.
+const FINEST: f64 = 4096.0;
+
+/// Most chords of a cell: no tolerance asks for more than 2 10^4, at the greatest bend of degree 9.
+const MOST_CHORDS: f64 = 65_536.0;
 
 /// Cells are looked at where they come within this much of M to a value.
 pub(crate) const MARGIN: f64 = 1e-6;
@@ -28,6 +44,7 @@ pub(crate) const MARGIN: f64 = 1e-6;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Exact<'a> {
     pub(crate) volume: &'a Volume,
+    pub(crate) macrocells: &'a Macrocells,
     pub(crate) visible: &'a Visible,
     /// Open cuts.
     pub(crate) clips: &'a [ClipPlane],
@@ -39,6 +56,8 @@ pub(crate) struct Exact<'a> {
     /// A cell with a crossing has no medium.
     pub(crate) either: bool,
     pub(crate) claims: bool,
+    /// Cells are taken eight at a time where there is a medium.
+    pub(crate) packets: bool,
     /// The reference subtracted from all values, and M.
     pub(crate) reference: f64,
     pub(crate) size: f64,
@@ -83,7 +102,7 @@ impl Scratch {
 impl<'a> Exact<'a> {
     /// Draws one pixel.
     #[inline(always)]
-    pub(crate) fn draw<F: Form>(&self, form: F, ray: &Ray, mut sink: Sink<'_, '_>, scratch: &mut Scratch) {
+    pub(crate) fn draw<S: Lanes, F: Form>(&self, form: F, ray: &Ray, mut sink: Sink<'_, '_>, scratch: &mut Scratch) {
         if scratch.origin != ray.origin {
             scratch.origin = ray.origin;
             scratch.error = self.volume.space.position_error(ray.origin);
@@ -107,7 +126,7 @@ impl<'a> Exact<'a> {
         };
         scratch.tracks.fill(Track::default());
         scratch.found.clear();
-        let mut way = Way {
+        let mut way = Way::<S, F> {
             shared: self,
             form,
             walk,
@@ -116,6 +135,9 @@ impl<'a> Exact<'a> {
             short: 1e-2 / walk.speed(),
             end: f64::NEG_INFINITY,
             tail: Tail::NOWHERE,
+            run: Run::new(),
+            // The first crossing may end a ray that has no medium, and what is walked ahead of it is lost.
+            most: if self.packets && self.medium.is_some() { LANES } else { 1 },
             length: ray.direction.length(),
             sink: &mut sink,
             scratch,
@@ -123,8 +145,10 @@ impl<'a> Exact<'a> {
             certain: certain && prove,
             claim: Claim::empty(),
             ended: false,
+            lanes: PhantomData,
         };
         self.visible.walk(&walk, &mut way);
+        way.ended = way.ended || !way.take();
         way.finish();
         let (certain, mut claim) = (way.certain, way.claim);
         if certain && sink.hits() == 0 {
@@ -154,8 +178,16 @@ impl Tail {
     };
 }
 
+/// Cells whose places are known, and not yet what is there.
+struct Run {
+    cell: [[i32; LANES]; 3],
+    t0: [f64; LANES],
+    t1: [f64; LANES],
+    count: usize,
+}
+
 /// A ray on its way.
-struct Way<'r, 's, 'a, 'p, 'q, F> {
+struct Way<'r, 's, 'a, 'p, 'q, S, F> {
     shared: &'r Exact<'a>,
     form: F,
     walk: Walk,
@@ -166,6 +198,9 @@ struct Way<'r, 's, 'a, 'p, 'q, F> {
     /// Where the last cell ended.
     end: f64,
     tail: Tail,
+    run: Run,
+    /// Cells taken together.
+    most: usize,
     /// World length of the direction.
     length: f64,
     sink: &'s mut Sink<'p, 'q>,
@@ -176,13 +211,14 @@ struct Way<'r, 's, 'a, 'p, 'q, F> {
     certain: bool,
     claim: Claim,
     ended: bool,
+    lanes: PhantomData<S>,
 }
 
-impl<F: Form> Visit for Way<'_, '_, '_, '_, '_, F> {
+impl<S: Lanes, F: Form> Visit for Way<'_, '_, '_, '_, '_, S, F> {
     #[inline(always)]
     fn macrocell(&mut self, at: [i32; 3], from: f64, to: f64) -> bool {
         self.scratch.work.macrocells += 1;
-        let mask = self.shared.visible.cells_of(at, self.form);
+        let mask = self.shared.visible.cells_of(at, self.shared.macrocells, self.form);
         if mask == 0 {
             return true;
         }
@@ -193,9 +229,12 @@ impl<F: Form> Visit for Way<'_, '_, '_, '_, '_, F> {
         loop {
             let (a, exit) = cell.exit();
             let end = exit.min(to).max(t);
-            if mask >> bit(cell.at) & 1 != 0 && !self.cell(cell.at, t, end) {
-                self.ended = true;
-                return false;
+            if mask >> bit(cell.at) & 1 != 0 {
+                self.run.push(cell.at, t, end);
+                if self.run.count == self.most && !self.take() {
+                    self.ended = true;
+                    return false;
+                }
             }
             if end >= to || !cell.step(&w, a, lo, hi) {
                 return true;
@@ -207,17 +246,14 @@ impl<F: Form> Visit for Way<'_, '_, '_, '_, '_, F> {
 
 const _: () = assert!(LOG == 2, "words of 64 cells");
 
-impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
-    /// Returns whether to go on.
+impl<S: Lanes, F: Form> Way<'_, '_, '_, '_, '_, S, F> {
+    /// A cell along which the field has these Bernstein coefficients. Returns whether to go on.
     #[inline(always)]
-    fn cell(&mut self, cell: [i32; 3], t0: f64, t1: f64) -> bool {
+    fn cell(&mut self, p: &[f64], stretch: Stretch) -> bool {
         let shared = self.shared;
+        let Stretch { t0, t1, .. } = stretch;
         self.scratch.work.cells += 1;
         self.sink.work += 1;
-        let mut p = [0.0; MOST];
-        let (a, b) = (self.walk.local(cell, t0), self.walk.local(cell, t1));
-        self.form.compose(cell, a, b, shared.reference, &mut p);
-        let p = &p[..F::COUNT];
         let (mut least, mut most) = (p[0], p[0]);
         for &x in &p[1..] {
             least = least.min(x);
@@ -225,12 +261,6 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
         }
         let continues = self.end == t0;
         self.end = t1;
-        let stretch = Stretch {
-            t0,
-            t1,
-            short: self.short,
-            prove: self.prove,
-        };
         let Scratch { tracks, found, .. } = &mut *self.scratch;
         for (i, (track, &value)) in tracks.iter_mut().zip(shared.values).enumerate() {
             if !continues {
@@ -260,36 +290,47 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
         }
     }
 
-    /// Square of the chords that a cell needs, times the distance from the field that is allowed; and that.
+    /// Chords that a cell needs, not rounded up.
+    ///
+    /// |p''| is at most n (n - 1) times the greatest second difference, and a chord of width h leaves p by at most h^2 |p''| / 8. The optical depth of a feature grows with the
+    /// inverse of the slope there, and a chord has one slope: so where a feature is narrower than what a chord may leave the field by, there are as many as keep the slope within 1/[`TURN`]
+    /// along each of them, or, where the field turns or all but stands still, its distance below a quarter of the feature's width.
     #[inline(always)]
-    fn bend(&self, medium: &Medium, p: &[f64]) -> (f64, f64) {
-        // |p''| is at most n (n - 1) times the greatest second difference, and a chord of width h leaves p by at most h^2 |p''| / 8.
+    fn chords_of(&self, medium: &Medium, p: &[f64], least: f64, most: f64) -> f64 {
         let n = F::COUNT - 1;
         let mut before = p[1] - p[0];
-        let (mut bend, mut falls, mut rises) = (0.0f64, before < 0.0, before > 0.0);
+        let (mut bend, mut flattest) = (0.0f64, before.abs());
+        let (mut falls, mut rises) = (before < 0.0, before > 0.0);
         for i in 1..n {
             let d = p[i + 1] - p[i];
             bend = later((d - before).abs(), bend);
+            flattest = if d.abs() < flattest { d.abs() } else { flattest };
             falls |= d < 0.0;
             rises |= d > 0.0;
             before = d;
         }
         let squared = 0.125 * (n * (n - 1)) as f64 * bend;
         let allowed = self.shared.tolerance;
-        // Where the field turns, a chord may pass by a feature narrower than its distance from the field.
-        if falls && rises && medium.narrowest() < 4.0 * allowed {
-            let (mut least, mut most) = (p[0], p[0]);
-            for &x in &p[1..] {
-                least = least.min(x);
-                most = most.max(x);
-            }
-            let reference = self.shared.reference;
-            return (
-                squared,
-                allowed.min(0.25 * medium.finest(least + reference, most + reference)),
-            );
+        let turn = TURN * (n - 1) as f64 * bend;
+        // What the lanes take as it is.
+        if squared <= allowed && (medium.narrowest() >= FINE * allowed || !(falls && rises) && turn <= flattest) {
+            return 1.0;
         }
-        (squared, allowed)
+        let chords = later((squared / allowed).sqrt(), 1.0);
+        if medium.narrowest() >= FINE * allowed || !(falls && rises) && turn <= chords * flattest {
+            return chords;
+        }
+        let reference = self.shared.reference;
+        let fine = 0.25 * medium.finest(least + reference, most + reference);
+        if fine >= allowed {
+            return chords;
+        }
+        let fine = (squared / fine).sqrt().min(FINEST);
+        if falls && rises {
+            later(chords, fine)
+        } else {
+            later(chords, (turn / flattest).min(fine))
+        }
     }
 
     /// Hands on what was found, in order. Returns whether to go on.
@@ -349,7 +390,7 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
             return self.push_all();
         }
         let n = F::COUNT - 1;
-        let (squared, tolerance) = self.bend(medium, p);
+        let chords = self.chords_of(medium, p, least, highest);
         let length = (s.t1 - s.t0) * self.length;
         // Both cells at a face have the same field there: what was worked out before it holds after it.
         let (value, sums) = if self.tail.t == s.t0 {
@@ -359,12 +400,12 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
             (value, medium.sums(value))
         };
         let last = p[n] + shared.reference;
-        let (value, sums) = if squared <= tolerance && self.scratch.found.is_empty() {
+        let (value, sums) = if chords <= 1.0 && self.scratch.found.is_empty() {
             let after = medium.sums(last);
             self.layer(medium, [value, last], [&sums, &after], length);
             (last, after)
         } else {
-            match self.bent(medium, p, (value, sums), (squared / tolerance).sqrt(), s, length) {
+            match self.bent(medium, p, (value, sums), chords, s, length) {
                 Some(end) => end,
                 None => return false,
             }
@@ -385,7 +426,7 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
         length: f64,
     ) -> Option<(f64, Sums)> {
         let shared = self.shared;
-        let chords = chords.ceil().clamp(1.0, 64.0);
+        let chords = chords.ceil().clamp(1.0, MOST_CHORDS);
         let mut power = [0.0; MOST];
         let power = &mut power[..F::COUNT];
         power.copy_from_slice(p);
@@ -455,19 +496,25 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
         let (sink, thick) = (&mut *self.sink, self.shared.thick);
         medium.pieces_between(a, b, |from, to| {
             let length = length * ((to - from) / (b - a));
-            let (depth, _) = medium.stretch(from, to, [&medium.sums(from), &medium.sums(to)], length);
-            let parts = (depth / thick).ceil().clamp(1.0, 64.0) as u32;
             let (mut value, mut sums) = (from, medium.sums(from));
-            for k in 1..=parts {
-                let next = if k == parts {
-                    to
+            let all = medium.sums(to).depth - sums.depth;
+            let parts = (all * (length / (to - from)) / thick).ceil().max(1.0);
+            let mut left = parts;
+            // Nothing is seen through a depth of 10, so that it takes no more than 10 / thick of them.
+            while left > 0.0 && value != to && sink.is_clear() {
+                let next = if left > 1.0 {
+                    medium.after(value, to, all / parts)
                 } else {
-                    from + (to - from) * (f64::from(k) / f64::from(parts))
+                    to
                 };
+                // Where the last digit of a value is more than a part.
+                let next = if next == value { to } else { next };
                 let after = medium.sums(next);
-                let (depth, colour) = medium.stretch(value, next, [&sums, &after], length / f64::from(parts));
+                let part = length * ((next - value) / (to - from));
+                let (depth, colour) = medium.stretch(value, next, [&sums, &after], part);
                 sink.medium(colour, opacity(depth));
                 (value, sums) = (next, after);
+                left -= 1.0;
             }
         });
     }

@@ -54,6 +54,11 @@ pub(crate) fn outward(lo: f64, hi: f64) -> [f32; 2] {
 pub(crate) struct Bands(Vec<[f32; 2]>);
 
 impl Bands {
+    /// The intervals.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &[f32; 2]> {
+        self.0.iter()
+    }
+
     /// For each of 64 ranges one bit: those that meet an interval, and those that lie in one. A range that is no number meets none.
     #[inline(always)]
     pub(crate) fn bits(&self, least: &[f32; 64], most: &[f32; 64]) -> (u64, u64) {
@@ -85,7 +90,7 @@ impl Bands {
 
 /// Bit i is byte i, which is 0 or 1.
 #[inline(always)]
-fn packed(bytes: &[u8; 64]) -> u64 {
+pub(crate) fn packed(bytes: &[u8; 64]) -> u64 {
     let mut out = 0;
     for (k, eight) in bytes.as_chunks::<8>().0.iter().enumerate() {
         // Each byte's bit to its place in the uppermost byte; no two sums meet.

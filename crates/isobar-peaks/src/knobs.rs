@@ -25,6 +25,12 @@ const MACROCELLS: KnobSpec = KnobSpec {
     kind: KnobKind::Choice(&["on", "off"]),
 };
 
+const PACKETS: KnobSpec = KnobSpec {
+    name: "packets",
+    doc: "cells of a medium, or samples, of a ray eight at a time in vectors; both give the same bits",
+    kind: KnobKind::Choice(&["on", "off"]),
+};
+
 pub(crate) static EXACT: MethodInfo = MethodInfo {
     id: "peaks/cpu",
     summary: "transfer functions and isovalues: every peak crossing found exactly, the medium between integrated cell by cell",
@@ -42,6 +48,7 @@ pub(crate) static EXACT: MethodInfo = MethodInfo {
             kind: KnobKind::Choice(&["on", "off"]),
         },
         MACROCELLS,
+        PACKETS,
         KnobSpec {
             name: "tolerance",
             doc: "of the medium: distance of the field from its chords, as a part of its range, and colour error of a stretch",
@@ -165,6 +172,7 @@ pub(crate) static PAPER: MethodInfo = MethodInfo {
         RECONSTRUCTION,
         MODE,
         MACROCELLS,
+        PACKETS,
         SAMPLING,
         SK,
         STEP,
@@ -266,6 +274,7 @@ pub(crate) struct Settings {
     pub(crate) mode: Mode,
     pub(crate) claims: bool,
     pub(crate) macrocells: bool,
+    pub(crate) packets: bool,
     pub(crate) tolerance: f64,
     pub(crate) sampled: Option<Sampled>,
 }
@@ -282,6 +291,7 @@ impl Settings {
             mode: modes[place("mode", MODES)],
             claims: variant == Variant::Exact && k.word("claims") == "on",
             macrocells: k.word("macrocells") == "on",
+            packets: variant.info().knobs.iter().any(|k| k.name == PACKETS.name) && k.word(PACKETS.name) == "on",
             tolerance: if variant == Variant::Exact {
                 k.float("tolerance")
             } else {

@@ -4,12 +4,16 @@
 //! for each of these, in parallel. The paper's grid has 64^3 macrocells whatever the data; blocks of 4^3 cells are the same at 256^3. Different here: 64 macrocells share a
 //! word, so that empty space is crossed in steps of 16 cells, and their ranges lie side by side, so that a word is made by comparing 64 ranges at once; and the cells of a
 //! macrocell have such a word too: all of it where the macrocell's range lies in what can be seen, else made when a ray that finds exact crossings first enters
-//! it, so that work follows what is visible. For filters without negative lobes the coefficients in reach bound a macrocell; for BC(2,1) the Bernstein
+//! it, so that work follows what is visible. For degree 1 it is made from the ranges of the cells, two bytes each, kept from one transfer function to the next (`cells.rs`);
+//! for the others, whose ranges take long, from the coefficients. For filters without negative lobes the coefficients in reach bound a macrocell; for BC(2,1) the Bernstein
 //! coefficients of its pieces do.
+
+mod cells;
 
 use crate::interval::{Bands, Intervals, outward};
 use crate::space::{Dda, Walk, three};
-use crate::volume::{Form, Smooth, Volume};
+use crate::volume::{Form, Smooth, Volume, bits_of};
+use cells::CellRanges;
 use isobar_core::Lattice;
 use isobar_cpu::{Kernel, Level};
 use rayon::prelude::*;
@@ -35,6 +39,8 @@ pub(crate) struct Macrocells {
     most: Vec<[f32; 64]>,
     /// Of the whole volume.
     pub(crate) range: (f64, f64),
+    /// Of every cell, where they are kept.
+    cells: Option<CellRanges>,
 }
 
 /// Node of a place in the list of nodes.
@@ -56,8 +62,8 @@ fn slot(at: [i32; 3], nodes: [i32; 3]) -> usize {
 }
 
 impl Macrocells {
-    /// In parallel on the calling pool.
-    pub(crate) fn new(volume: &Volume) -> Self {
+    /// In parallel on the calling pool. `keep`: the ranges of cells, if they are of degree 1.
+    pub(crate) fn new(volume: &Volume, keep: bool, level: Level) -> Self {
         let cells = volume.space.cells;
         let dims = cells.map(|n| (n + SIDE - 1) >> LOG);
         let nodes = dims.map(|n| (n + SIDE - 1) >> LOG);
@@ -97,11 +103,13 @@ impl Macrocells {
             least,
             most,
             range: (lowest, highest),
+            cells: (keep && volume.filter.basis().degree == 1).then(|| CellRanges::new(volume, nodes, dims, level)),
         }
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        size_of_val(self.least.as_slice()) + size_of_val(self.most.as_slice())
+        let cells = self.cells.as_ref().map_or(0, CellRanges::bytes);
+        cells + size_of_val(self.least.as_slice()) + size_of_val(self.most.as_slice())
     }
 
     /// Place of a macrocell in the list of multipliers.
@@ -245,23 +253,26 @@ impl Visible {
 
     /// The visible cells of a macrocell.
     #[inline(always)]
-    pub(crate) fn cells_of(&self, at: [i32; 3], form: impl Form) -> u64 {
+    pub(crate) fn cells_of(&self, at: [i32; 3], macros: &Macrocells, form: impl Form) -> u64 {
         let slot = slot(at, self.nodes);
         match self.masks[slot].load(Ordering::Relaxed) {
-            UNKNOWN => self.look(at, slot, form),
+            UNKNOWN => self.look(at, slot, macros, form),
             mask => mask,
         }
     }
 
     #[inline(never)]
-    fn look(&self, at: [i32; 3], slot: usize, form: impl Form) -> u64 {
+    fn look(&self, at: [i32; 3], slot: usize, macros: &Macrocells, form: impl Form) -> u64 {
         let (lo, hi) = span(at, self.cells);
-        let mask = self.level.run(LookAtCells {
-            form,
-            lo,
-            hi,
-            wanted: &self.wanted,
-        });
+        let mask = match &macros.cells {
+            Some(ranges) => ranges.mask(slot, macros, &self.wanted) & bits_of(lo, hi),
+            None => self.level.run(LookAtCells {
+                form,
+                lo,
+                hi,
+                wanted: &self.wanted,
+            }),
+        };
         if mask == UNKNOWN {
             self.words[slot >> 6].fetch_and(!(1 << bit(at)), Ordering::Relaxed);
         }

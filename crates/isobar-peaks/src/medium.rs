@@ -7,6 +7,7 @@
 
 use crate::interval::Intervals;
 use isobar_core::TransferFunction;
+use isobar_cpu::packet::Lanes;
 
 /// T and the three K at a value.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -18,7 +19,8 @@ pub struct Sums {
 }
 
 impl Sums {
-    const fn lanes(&self) -> [f64; 4] {
+    #[inline(always)]
+    pub(crate) const fn lanes(&self) -> [f64; 4] {
         let [r, g, b] = self.colour;
         [self.depth, r, g, b]
     }
@@ -196,6 +198,12 @@ impl Medium {
         (b - a).abs() <= 1e-7 * (a.abs() + b.abs()) + self.small
     }
 
+    /// The greatest |b - a| that is flat, of eight pairs.
+    #[inline(always)]
+    pub(crate) fn flat<S: Lanes>(&self, a: S, b: S) -> S {
+        S::splat(1e-7).mul(a.abs().add(b.abs())).add(S::splat(self.small))
+    }
+
     /// Optical depth of a stretch of the given world length along which the field runs linearly from value `a` to `b`, with `sums` of both; and its
     /// mean colour. The depth is exact but for rounding; the colour leaves out attenuation inside the stretch (none where the colour is constant).
     #[must_use]
@@ -249,6 +257,28 @@ impl Medium {
         let meets = inner[from..].windows(2).take_while(|w| w[0].value <= hi);
         let visible = meets.filter(|w| w[0].extinction != [0.0; 2]);
         visible.map(|w| w[1].value - w[0].value).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The value between `from` and `to`, which lie on one linear piece, up to which T changes by `change`, seen from `from`; `to` where it changes by less before that.
+    pub(crate) fn after(&self, from: f64, to: f64, change: f64) -> f64 {
+        let p = self.piece(0.5 * (from + to));
+        let side = if to >= from { 1.0 } else { -1.0 };
+        // The integral of r + s x from 0 to x is D.
+        let (r, s) = (self.at_piece(p, from), side * p.extinction[1]);
+        let d = change.abs();
+        let x = 2.0 * d / (r + (r * r + 2.0 * s * d).max(0.0).sqrt());
+        // What is not a number is not below.
+        if x < (to - from).abs() { from + side * x } else { to }
+    }
+
+    /// Extinction of a piece at a value on it.
+    fn at_piece(&self, p: &Piece, value: f64) -> f64 {
+        let x = if std::ptr::eq(p, &raw const self.pieces[0]) {
+            0.0
+        } else {
+            value - p.value
+        };
+        (p.extinction[0] + x * p.extinction[1]).max(0.0)
     }
 
     /// Cuts the run of values from `a` to `b` at the transfer function's points, in the order met.

@@ -5,6 +5,9 @@
 //! where the peak is shaded by the gradient and composited with its unscaled opacity and its own value, not the field's. Then the sample at the segment's end is
 //! composited: post-classified, or by the pre-integration table, through the same loop.
 //!
+//! Where the samples lie does not depend on what is seen there. So they are taken eight at a time: positions, cells, interpolation, bins and table rows of eight samples of a ray in
+//! the lanes of a vector; signs, secants and compositing then follow sample by sample, by the same expressions as one at a time (knob `packets`), so that both give the same bits.
+//!
 //! Segments are numbered, and the last one done is kept, so that a macrocell begins with the segment that reaches into it and none is done twice or left out (hardcases
 //! E12; the paper keeps the greatest t). With [`Law::Printed`] positions inside a macrocell are summed from the printed increments, so that at the
 //! next macrocell, where T(n) is computed anew, segments overlap or leave gaps: counted in [`Work::gaps`].
@@ -18,6 +21,8 @@ use crate::tables::{Lookup, NO_PEAK, PeakTable, SegmentTable};
 use crate::volume::{Form, Volume};
 use glam::DVec3;
 use isobar_core::{Claim, ClipPlane, Hit, Ray, shade};
+use isobar_cpu::packet::{LANES, Lanes};
+use std::marker::PhantomData;
 
 /// What a segment contributes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,6 +73,8 @@ pub(crate) struct Paper<'a> {
     pub(crate) shaded: bool,
     /// Step to and position on the ray are rounded to single precision, steps summed.
     pub(crate) single: bool,
+    /// Samples are taken eight at a time.
+    pub(crate) packets: bool,
 }
 
 /// Work of one tile.
@@ -87,10 +94,10 @@ pub(crate) struct Work {
 impl Paper<'_> {
     /// Draws one pixel.
     #[inline(always)]
-    pub(crate) fn draw<F: Form>(&self, form: F, ray: &Ray, mut sink: Sink<'_, '_>, work: &mut Work) {
+    pub(crate) fn draw<S: Lanes, F: Form>(&self, form: F, ray: &Ray, mut sink: Sink<'_, '_>, work: &mut Work) {
         if let Entry::Through(walk) = Walk::enter(ray, &self.volume.space, self.clips, None) {
             let before = work.samples + work.secants;
-            let mut way = Way {
+            let mut way = Way::<S, F> {
                 shared: self,
                 form,
                 walk,
@@ -99,10 +106,18 @@ impl Paper<'_> {
                 length: ray.direction.length(),
                 end: f64::NEG_INFINITY,
                 next: 0.0,
-                last: 0.0,
                 step: 0.0,
+                // Without a medium the first peak may end the ray, and what is walked ahead of it is lost.
+                run: Run::new(if self.packets && self.integration.is_some() {
+                    LANES
+                } else {
+                    1
+                }),
+                seen: Seen::default(),
+                ended: false,
                 sink: &mut sink,
                 work,
+                lanes: PhantomData,
             };
             match self.visible {
                 Some(visible) => visible.walk(&walk, &mut way),
@@ -110,14 +125,56 @@ impl Paper<'_> {
                     way.stretch(walk.t0, walk.t1, 1.0);
                 }
             }
+            if !way.ended && way.run.count > 0 {
+                way.take();
+            }
             sink.work = (work.samples + work.secants - before) as u32;
         }
         sink.finish(Claim::empty());
     }
 }
 
+/// Samples whose places are known, and not yet what is there.
+struct Run {
+    t: [f64; LANES],
+    /// Those at which a segment does not end but only begins, a bit each.
+    begins: u8,
+    count: usize,
+    /// Taken together.
+    most: usize,
+}
+
+impl Run {
+    #[inline(always)]
+    const fn new(most: usize) -> Self {
+        Self {
+            t: [0.0; LANES],
+            begins: 0,
+            count: 0,
+            most,
+        }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, t: f64, begins: bool) {
+        self.t[self.count] = t;
+        self.begins |= u8::from(begins) << self.count;
+        self.count += 1;
+    }
+}
+
+/// A sample: its place, the field there, and the bin of that in the peak table.
+#[derive(Debug, Clone, Copy, Default)]
+struct Seen {
+    t: f64,
+    value: f64,
+    bin: u32,
+    /// Of the transfer function, where that is looked up.
+    row: [f64; 4],
+}
+
 /// A ray on its way.
-struct Way<'r, 's, 'a, 'p, 'q, F> {
+struct Way<'r, 's, 'a, 'p, 'q, S, F> {
     shared: &'r Paper<'a>,
     form: F,
     walk: Walk,
@@ -125,17 +182,21 @@ struct Way<'r, 's, 'a, 'p, 'q, F> {
     steps: Steps,
     /// World length of the direction.
     length: f64,
-    /// Where the last segment ended, the number of the sample there, and the field there.
+    /// The last sample whose place is known: the place, and its number.
     end: f64,
     next: f64,
-    last: f64,
     /// The next increment where positions are summed; else T of sample `next`.
     step: f64,
+    run: Run,
+    /// The last sample that was taken.
+    seen: Seen,
+    ended: bool,
     sink: &'s mut Sink<'p, 'q>,
     work: &'s mut Work,
+    lanes: PhantomData<S>,
 }
 
-impl<F: Form> Visit for Way<'_, '_, '_, '_, '_, F> {
+impl<S: Lanes, F: Form> Visit for Way<'_, '_, '_, '_, '_, S, F> {
     #[inline(always)]
     fn macrocell(&mut self, at: [i32; 3], from: f64, to: f64) -> bool {
         self.work.macrocells += 1;
@@ -147,7 +208,7 @@ impl<F: Form> Visit for Way<'_, '_, '_, '_, '_, F> {
     }
 }
 
-impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
+impl<S: Lanes, F: Form> Way<'_, '_, '_, '_, '_, S, F> {
     #[inline(always)]
     fn value(&self, t: f64) -> f64 {
         self.form.value(three(|a| self.walk.at(a, t)))
@@ -156,17 +217,31 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
     /// Samples all segments that begin before `to` and reach over `from`. Returns whether to go on.
     #[inline(always)]
     fn stretch(&mut self, from: f64, to: f64, m: f64) -> bool {
-        let (t0, t1) = (self.walk.t0, self.walk.t1);
+        self.begin(from);
+        loop {
+            let more = self.follow(to, m);
+            if self.run.count == self.run.most && !self.take() {
+                return false;
+            }
+            if !more {
+                return true;
+            }
+        }
+    }
+
+    /// The first sample of a stretch: the end of the one before where its segments reach so far.
+    #[inline(always)]
+    fn begin(&mut self, from: f64) {
         let summed = self.sums();
         // Where increments are summed, each macrocell begins with the closed form again, as printed.
         let n = self.steps.before(if summed { from.max(self.end) } else { from });
         if summed || n > self.next || self.end == f64::NEG_INFINITY {
-            let t = self.steps.t(n).max(t0);
+            let t = self.steps.t(n).max(self.walk.t0);
             self.work.gaps += u64::from(self.end >= from && t != self.end);
             if t != self.end {
                 self.end = t;
-                self.last = self.value(t);
-                self.work.samples += 1;
+                // There is room: what is full has been taken.
+                self.run.push(t, true);
             }
             self.next = n;
             self.step = match self.steps.law() {
@@ -175,7 +250,16 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
                 _ => self.steps.t(n),
             };
         }
+    }
+
+    /// Samples on until the run is full or the last segment reaches over `to`. Returns whether there are more.
+    #[inline(always)]
+    fn follow(&mut self, to: f64, m: f64) -> bool {
+        let summed = self.sums();
         while self.end < to {
+            if self.run.count == self.run.most {
+                return true;
+            }
             let n = self.next + m;
             let t = match (summed, self.shared.single) {
                 (true, _) => self.summed(m),
@@ -185,22 +269,65 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
                     self.step
                 }
             };
-            let t = t.min(t1);
+            let t = t.min(self.walk.t1);
+            self.next = n;
             // Steps below the last digit of t end nowhere.
             if t <= self.end {
-                self.next = n;
                 if self.steps.t(n) > to {
-                    return true;
+                    return false;
                 }
                 continue;
             }
-            let value = self.value(t);
+            self.run.push(t, false);
+            self.end = t;
+        }
+        false
+    }
+
+    /// What is there of the run. Returns whether to go on.
+    #[inline(always)]
+    fn take(&mut self) -> bool {
+        let (n, begins) = (self.run.count, self.run.begins);
+        (self.run.count, self.run.begins) = (0, 0);
+        let shared = self.shared;
+        let (mut values, mut bins, mut rows) = ([0.0; LANES], [0; LANES], [[0.0; 4]; LANES]);
+        let bins_of = (shared.mode != Mode::Medium && !shared.values.is_empty()).then_some(shared.table.bins());
+        let lookup = match shared.integration {
+            Some(Integration::Post(lookup)) if self.sink.is_clear() => Some(lookup),
+            _ => None,
+        };
+        if self.run.most > 1 {
+            let t = S::load(&self.run.t);
+            let mut at = [t; 3];
+            for (at, (&o, &d)) in at.iter_mut().zip(self.walk.o.iter().zip(&self.walk.d)) {
+                *at = S::splat(o).add(t.mul(S::splat(d)));
+            }
+            let all = self.form.values(at, n);
+            all.store(&mut values);
+            if let Some(b) = bins_of {
+                bins = b.of_eight(all);
+            }
+            if let Some(lookup) = lookup {
+                rows = lookup.rows_of_eight(all, n);
+            }
+        } else if n > 0 {
+            values[0] = self.value(self.run.t[0]);
+            bins[0] = bins_of.map_or(0, |b| b.of(values[0]) as u32);
+            rows[0] = lookup.map_or([0.0; 4], |l| l.row_at(values[0]));
+        }
+        for i in 0..n {
             self.work.samples += 1;
-            let go_on = self.segment(self.end, t, self.last, value);
-            (self.end, self.last, self.next) = (t, value, n);
-            if !go_on {
+            let after = Seen {
+                t: self.run.t[i],
+                value: values[i],
+                bin: bins[i],
+                row: rows[i],
+            };
+            if begins >> i & 1 == 0 && !self.segment(&after) {
+                self.ended = true;
                 return false;
             }
+            self.seen = after;
         }
         true
     }
@@ -228,35 +355,37 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
         }
     }
 
-    /// One segment. Returns whether to go on.
+    /// The segment from the last sample taken to this one. Returns whether to go on.
     #[inline(always)]
-    fn segment(&mut self, t0: f64, t1: f64, f0: f64, f1: f64) -> bool {
+    fn segment(&mut self, after: &Seen) -> bool {
+        let shared = self.shared;
+        let before = self.seen;
         let mut found = false;
-        if self.shared.mode != Mode::Medium {
-            let peaks = self.shared.table.peaks(f0, f1);
+        if shared.mode != Mode::Medium && !shared.values.is_empty() {
+            let peaks = shared.table.between(before.bin, after.bin);
             if peaks[0] != NO_PEAK {
                 for peak in peaks {
                     if peak == NO_PEAK {
                         break;
                     }
-                    let v = self.shared.values[usize::from(peak)];
-                    let (d0, d1) = (f0 - v, f1 - v);
+                    let v = shared.values[usize::from(peak)];
+                    let (d0, d1) = (before.value - v, after.value - v);
                     if (d0 < 0.0) != (d1 < 0.0) {
                         found = true;
-                        if !self.peak(usize::from(peak), [t0, t1], [d0, d1]) {
+                        if !self.peak(usize::from(peak), [before.t, after.t], [d0, d1]) {
                             return false;
                         }
                     }
                 }
             }
         }
-        match self.shared.integration {
-            Some(integration) if self.sink.is_clear() && !(found && self.shared.mode == Mode::Either) => {
-                self.medium(integration, [t0, t1], [f0, f1]);
+        match shared.integration {
+            Some(integration) if self.sink.is_clear() && !(found && shared.mode == Mode::Either) => {
+                self.medium(integration, &before, after);
             }
             _ => {}
         }
-        self.sink.wants_more(!self.shared.values.is_empty())
+        self.sink.wants_more(!shared.values.is_empty())
     }
 
     /// The secant method inside a bracket: each step replaces the end of the same sign.
@@ -293,12 +422,13 @@ impl<F: Form> Way<'_, '_, '_, '_, '_, F> {
     }
 
     #[inline(always)]
-    fn medium(&mut self, integration: &Integration, t: [f64; 2], f: [f64; 2]) {
+    fn medium(&mut self, integration: &Integration, before: &Seen, after: &Seen) {
+        let (t, f) = ([before.t, after.t], [before.value, after.value]);
         let length = (t[1] - t[0]) * self.length;
         let shaded = self.shared.shaded;
         let (depth, colour) = match integration {
-            Integration::Post(lookup) => {
-                let (e, c) = lookup.at(f[1]);
+            Integration::Post(_) => {
+                let (e, c) = Lookup::parted(after.row);
                 (e * length, if shaded && e > 0.0 { self.lit(t[1], c) } else { c })
             }
             Integration::Table(table) => {

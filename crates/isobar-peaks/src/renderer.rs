@@ -11,7 +11,8 @@ use isobar_core::{
     Channels, Counters, Data, Frame, Function, Knobs, Memory, Method, MethodInfo, RenderError, RenderTime, Renderer, Request,
     Scene, Stage, Stop, Surface, TransferFunction, Unsupported, View,
 };
-use isobar_cpu::{Kernel, Level, Pool, Tile, TileOut, copy_frame, render_tiles};
+use isobar_cpu::packet::{self, Lanes, WithLanes};
+use isobar_cpu::{Level, Pool, Tile, TileOut, copy_frame, render_tiles};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -158,6 +159,7 @@ impl Job<'_> {
         let index: Vec<u8> = (0..scene.values.values().len()).map(|i| scene.values.surface(i)).collect();
         let exact = Exact {
             volume: &field.volume,
+            macrocells: &field.macrocells,
             visible: &scene.visible,
             clips: &self.view.clips,
             values: scene.values.values(),
@@ -166,6 +168,7 @@ impl Job<'_> {
             either: settings.mode == Mode::Either,
             // Without surfaces nothing is said of the isovalues of the scene.
             claims: settings.claims && settings.mode != Mode::Medium,
+            packets: settings.packets,
             reference: 0.5 * lo + 0.5 * hi,
             size: hi - lo,
             tolerance: (settings.tolerance * (hi - lo)).max(f64::MIN_POSITIVE),
@@ -187,6 +190,7 @@ impl Job<'_> {
                 sampler,
                 shaded: s.shaded,
                 single: s.single,
+                packets: settings.packets,
             }),
             _ => None,
         };
@@ -194,22 +198,28 @@ impl Job<'_> {
             let surfaces = scene.values.all();
             let view = self.view;
             match &paper {
-                Some(paper) => self.work.sampled(self.level.run(SampledTile {
-                    paper,
-                    form,
-                    view,
-                    surfaces,
-                    tile,
-                    out,
-                })),
-                None => self.work.exact(self.level.run(ExactTile {
-                    exact: &exact,
-                    form,
-                    view,
-                    surfaces,
-                    tile,
-                    out,
-                })),
+                Some(paper) => {
+                    let tile = SampledTile {
+                        paper,
+                        form,
+                        view,
+                        surfaces,
+                        tile,
+                        out,
+                    };
+                    self.work.sampled(packet::run(self.level, tile));
+                }
+                None => {
+                    let tile = ExactTile {
+                        exact: &exact,
+                        form,
+                        view,
+                        surfaces,
+                        tile,
+                        out,
+                    };
+                    self.work.exact(packet::run(self.level, tile));
+                }
             }
         })
     }
@@ -224,17 +234,17 @@ struct ExactTile<'a, 'b, F> {
     out: &'a mut TileOut<'b>,
 }
 
-impl<F: Form> Kernel for ExactTile<'_, '_, F> {
+impl<F: Form> WithLanes for ExactTile<'_, '_, F> {
     type Output = exact::Work;
 
     #[inline(always)]
-    fn run(self) -> exact::Work {
+    fn run<S: Lanes>(self) -> exact::Work {
         let rays = self.view.generator();
         let mut scratch = exact::Scratch::new(self.exact.values.len());
         for (x, y) in self.tile.pixels() {
             let ray = rays.ray(x, y);
             let sink = Sink::new(self.out, (x, y), ray.direction, self.surfaces);
-            self.exact.draw(self.form, &ray, sink, &mut scratch);
+            self.exact.draw::<S, F>(self.form, &ray, sink, &mut scratch);
         }
         scratch.work
     }
@@ -249,17 +259,17 @@ struct SampledTile<'a, 'b, F> {
     out: &'a mut TileOut<'b>,
 }
 
-impl<F: Form> Kernel for SampledTile<'_, '_, F> {
+impl<F: Form> WithLanes for SampledTile<'_, '_, F> {
     type Output = paper::Work;
 
     #[inline(always)]
-    fn run(self) -> paper::Work {
+    fn run<S: Lanes>(self) -> paper::Work {
         let rays = self.view.generator();
         let mut work = paper::Work::default();
         for (x, y) in self.tile.pixels() {
             let ray = rays.ray(x, y);
             let sink = Sink::new(self.out, (x, y), ray.direction, self.surfaces);
-            self.paper.draw(self.form, &ray, sink, &mut work);
+            self.paper.draw::<S, F>(self.form, &ray, sink, &mut work);
         }
         work
     }

@@ -91,9 +91,10 @@ impl Inputs {
         (self.field, self.scene) = (None, None);
         let Some(grid) = &self.grid else { return Ok(()) };
         let filter = self.settings.filter;
+        let (exact, level) = (self.variant == Variant::Exact, self.level);
         self.field = Some(self.pool.install(|| {
             let volume = Volume::new(grid, filter)?;
-            let macrocells = Macrocells::new(&volume);
+            let macrocells = Macrocells::new(&volume, exact, level);
             Ok::<_, RenderError>(Field {
                 volume,
                 macrocells,

@@ -135,9 +135,9 @@ impl Space {
 pub(crate) struct Walk {
     pub(crate) o: [f64; 3],
     pub(crate) d: [f64; 3],
-    inv: [f64; 3],
+    pub(crate) inv: [f64; 3],
     /// Parameter of the plane with index x: `x * inv + shift`; +inf where the ray is parallel to it.
-    shift: [f64; 3],
+    pub(crate) shift: [f64; 3],
     up: [i32; 3],
     step: [i32; 3],
     pub(crate) t0: f64,
@@ -282,14 +282,11 @@ impl Dda {
     #[inline(always)]
     pub(crate) fn exit(&self) -> (usize, f64) {
         let t = self.exits;
-        let a = if t[0] < t[1] {
-            if t[0] < t[2] { 0 } else { 2 }
-        } else if t[1] < t[2] {
-            1
-        } else {
-            2
-        };
-        (a, t[a])
+        // Without branches: which axis it is cannot be foretold.
+        let a = usize::from(t[0] >= t[1]);
+        let first = if t[0] < t[1] { t[0] } else { t[1] };
+        let last = usize::from(first >= t[2]);
+        (a >> last | last << 1, if first < t[2] { first } else { t[2] })
     }
 
     /// To the next block along axis `a`; false where it is outside of `lo..=hi`.

@@ -4,6 +4,7 @@
 //! segment (Engel et al. 2001), with the weights of Lum et al. 2004. [`Lookup`]: the one-dimensional transfer function of section 6, 8192 entries.
 
 use crate::medium::{Medium, Sums};
+use isobar_cpu::packet::{LANES, Lanes};
 
 /// Peaks a segment can hold.
 pub const MOST_PEAKS: usize = 4;
@@ -39,6 +40,19 @@ impl Bins {
     pub fn of(&self, value: f64) -> usize {
         // `as` sends what is below, and NaN, to 0.
         (((value - self.lo) * self.per_value) as usize).min(self.count - 1)
+    }
+
+    /// [`Bins::of`] eight values.
+    #[inline(always)]
+    pub(crate) fn of_eight<S: Lanes>(&self, values: S) -> [u32; LANES] {
+        let mut x = [0.0; LANES];
+        values.sub(S::splat(self.lo)).mul(S::splat(self.per_value)).store(&mut x);
+        let last = self.count as i32 - 1;
+        let mut out = [0; LANES];
+        for (out, x) in out.iter_mut().zip(x) {
+            *out = (x as i32).clamp(0, last) as u32;
+        }
+        out
     }
 
     /// The value in the middle of a bin.
@@ -137,8 +151,14 @@ impl PeakTable {
         self.entries[self.bins.of(a) * self.bins.count() + self.bins.of(b)]
     }
 
+    /// The same from the bins of both values.
+    #[inline(always)]
+    pub(crate) fn between(&self, a: u32, b: u32) -> [u8; MOST_PEAKS] {
+        self.entries[a as usize * self.bins.count() + b as usize]
+    }
+
     /// The bins of both axes.
-    #[cfg(feature = "gpu")]
+    #[inline(always)]
     pub(crate) const fn bins(&self) -> &Bins {
         &self.bins
     }
@@ -320,14 +340,53 @@ impl Lookup {
     #[must_use]
     #[inline(always)]
     pub fn at(&self, value: f64) -> (f64, [f64; 3]) {
+        Self::parted(self.row_at(value))
+    }
+
+    /// What [`Lookup::parted`] takes.
+    #[inline(always)]
+    pub(crate) fn row_at(&self, value: f64) -> [f64; 4] {
         let x = ((value - self.lo) * self.per_value).clamp(0.0, (LOOKUP - 1) as f64);
         let i = (x as usize).min(LOOKUP - 2);
-        let w = x - i as f64;
-        let (p, q) = (&self.entries[i], &self.entries[i + 1]);
-        let mix = |c: usize| f64::from(p[c]) + w * (f64::from(q[c]) - f64::from(p[c]));
-        let e = mix(3);
+        self.row(i, x - i as f64)
+    }
+
+    /// Extinction and colour of a row.
+    #[inline(always)]
+    pub(crate) fn parted([r, g, b, e]: [f64; 4]) -> (f64, [f64; 3]) {
         let k = if e > 0.0 { 1.0 / e } else { 0.0 };
-        (e, [mix(0) * k, mix(1) * k, mix(2) * k])
+        (e, [r * k, g * k, b * k])
+    }
+
+    /// Between entry i and the next: extinction per world length times RGB, and alone.
+    #[inline(always)]
+    fn row(&self, i: usize, w: f64) -> [f64; 4] {
+        let (p, q) = (&self.entries[i], &self.entries[i + 1]);
+        let mut out = [0.0; 4];
+        for c in 0..4 {
+            out[c] = f64::from(p[c]) + w * (f64::from(q[c]) - f64::from(p[c]));
+        }
+        out
+    }
+
+    /// The rows, as [`Lookup::parted`] takes them, of the first `n` of eight values.
+    #[inline(always)]
+    pub(crate) fn rows_of_eight<S: Lanes>(&self, values: S, n: usize) -> [[f64; 4]; LANES] {
+        let x = values.sub(S::splat(self.lo)).mul(S::splat(self.per_value));
+        let x = x.max(S::splat(0.0)).min(S::splat((LOOKUP - 1) as f64));
+        let mut at = [0.0; LANES];
+        x.store(&mut at);
+        let (mut first, mut whole) = ([0i32; LANES], [0.0; LANES]);
+        for l in 0..LANES {
+            first[l] = (at[l] as i32).min(LOOKUP as i32 - 2);
+            whole[l] = f64::from(first[l]);
+        }
+        x.sub(S::load(&whole)).store(&mut at);
+        let mut out = [[0.0; 4]; LANES];
+        for l in 0..n {
+            out[l] = self.row(first[l] as usize, at[l]);
+        }
+        out
     }
 
     /// Entries per unit of the value.

@@ -32,6 +32,7 @@ use crate::macrocells::bit;
 use crate::space::{Space, U, three};
 use glam::DVec3;
 use isobar_core::{DataError, Grid, Stage};
+use isobar_cpu::packet::{LANES, Lanes};
 use isobar_fields::GridSpline;
 
 /// Most Bernstein coefficients along a ray: degree 9.
@@ -96,6 +97,38 @@ pub(crate) trait Form: Copy {
     fn gradient(self, at: [f64; 3]) -> DVec3;
     /// Bernstein coefficients, less `reference`, on the segment from local a to local b of a cell; the first [`Form::COUNT`] of `out`.
     fn compose(self, cell: [i32; 3], a: [f64; 3], b: [f64; 3], reference: f64, out: &mut [f64; MOST]);
+    /// [`Form::value`] at the first `n` of eight points, to the bit; the other lanes mean nothing.
+    #[inline(always)]
+    fn values<S: Lanes>(self, at: [S; 3], n: usize) -> S {
+        let at = stored(at);
+        let mut out = [0.0; LANES];
+        for (l, v) in out.iter_mut().enumerate().take(n) {
+            *v = self.value(three(|a| at[a][l]));
+        }
+        S::load(&out)
+    }
+    /// [`Form::compose`] for the first `n` of eight cells, to the bit; the other lanes mean nothing.
+    #[inline(always)]
+    fn composed<S: Lanes>(self, cells: &[[i32; LANES]; 3], ends: [[S; 3]; 2], reference: f64, n: usize, out: &mut [S; MOST]) {
+        let [a, b] = [stored(ends[0]), stored(ends[1])];
+        let mut all = [[0.0; LANES]; MOST];
+        for l in 0..n {
+            let mut p = [0.0; MOST];
+            self.compose(
+                three(|i| cells[i][l]),
+                three(|i| a[i][l]),
+                three(|i| b[i][l]),
+                reference,
+                &mut p,
+            );
+            for (all, p) in all.iter_mut().zip(&p).take(Self::COUNT) {
+                all[l] = *p;
+            }
+        }
+        for (out, all) in out.iter_mut().zip(&all) {
+            *out = S::load(all);
+        }
+    }
     /// Which cells of a box of at most 4^3 cells, whose first cell's indices are multiples of four, have a value of `wanted`: their [`bit`]s.
     #[inline(always)]
     fn visible(self, lo: [i32; 3], hi: [i32; 3], wanted: &Bands) -> u64 {
@@ -121,7 +154,7 @@ pub(crate) trait Form: Copy {
 
 /// The [`bit`]s of the cells of a box of at most 4^3 cells, from its first on.
 #[inline(always)]
-fn bits_of(lo: [i32; 3], hi: [i32; 3]) -> u64 {
+pub(crate) fn bits_of(lo: [i32; 3], hi: [i32; 3]) -> u64 {
     let n = three(|a| (hi[a] - lo[a] + 1) as u32);
     let rows = (0..n[1]).fold(0u64, |m, j| m | ((1 << n[0]) - 1) << (4 * j));
     (0..n[2]).fold(0u64, |m, k| m | rows << (16 * k))
@@ -133,6 +166,39 @@ fn locate(space: &Space, at: [f64; 3]) -> ([i32; 3], [f64; 3]) {
     let x = three(|a| at[a].max(space.lo[a]).min(space.hi[a]));
     let cell = three(|a| (x[a] as i32).min(space.cells[a] - 1));
     (cell, three(|a| x[a] - f64::from(cell[a])))
+}
+
+/// [`locate`] for eight points.
+#[inline(always)]
+fn locate_eight<S: Lanes>(space: &Space, at: [S; 3]) -> ([[i32; LANES]; 3], [S; 3]) {
+    let mut cells = [[0; LANES]; 3];
+    let mut x = at;
+    for a in 0..3 {
+        x[a] = at[a].max(S::splat(space.lo[a])).min(S::splat(space.hi[a]));
+    }
+    let inside = stored(x);
+    let mut whole = [[0.0; LANES]; 3];
+    for a in 0..3 {
+        let last = space.cells[a] - 1;
+        for l in 0..LANES {
+            cells[a][l] = (inside[a][l] as i32).min(last);
+            whole[a][l] = f64::from(cells[a][l]);
+        }
+    }
+    for a in 0..3 {
+        x[a] = x[a].sub(S::load(&whole[a]));
+    }
+    (cells, x)
+}
+
+/// Lanes as arrays, per axis.
+#[inline(always)]
+pub(crate) fn stored<S: Lanes>(x: [S; 3]) -> [[f64; LANES]; 3] {
+    let mut out = [[0.0; LANES]; 3];
+    for (x, out) in x.iter().zip(&mut out) {
+        x.store(out);
+    }
+    out
 }
 
 /// Places for the Bernstein coefficients along four cells: 13 of degree 3, 9 of degree 2.

@@ -30,7 +30,10 @@ pub(super) struct Params {
     pub(super) iterations: u32,
     pub(super) layers: u32,
     pub(super) values: u32,
-    pub(super) unused: [u32; 3],
+    pub(super) turns: u32,
+    pub(super) pass_number: u32,
+    /// 0.
+    pub(super) nothing: u32,
     /// Columns, each padded to four.
     pub(super) axes: [[f32; 4]; 3],
     /// Columns, each padded to four.
@@ -61,6 +64,13 @@ pub(super) struct Ray {
     pub(super) step: f32,
     pub(super) growth: f32,
     pub(super) unit: f32,
+    /// From one pass to the next; the first does not look at it.
+    pub(super) state: u32,
+    pub(super) end: f32,
+    pub(super) next: f32,
+    pub(super) clear: f32,
+    pub(super) resume: f32,
+    pub(super) block: [i32; 3],
     pub(super) unused: f32,
 }
 
@@ -92,7 +102,7 @@ impl Ray {
             step: (step * speed) as f32,
             growth: (if geometric { growth } else { growth * speed }) as f32,
             unit: (ray.direction.length() / speed) as f32,
-            unused: 0.0,
+            ..Self::default()
         };
         (new, Entry { t: walk.t0, speed })
     }
@@ -101,7 +111,7 @@ impl Ray {
 const _: () = {
     assert!(size_of::<Params>() == 208);
     assert!(offset_of!(Params, bias_hi) == 48 && offset_of!(Params, integration) == 80 && offset_of!(Params, axes) == 112);
-    assert!(size_of::<Ray>() == 48 && offset_of!(Ray, direction) == 16);
+    assert!(size_of::<Ray>() == 80 && offset_of!(Ray, direction) == 16);
 };
 
 #[cfg(test)]
@@ -157,6 +167,9 @@ mod tests {
             iterations,
             layers,
             values,
+            turns,
+            pass_number,
+            nothing,
             axes,
             gradients
         });
@@ -167,7 +180,13 @@ mod tests {
             first,
             step,
             growth,
-            unit
+            unit,
+            state,
+            end,
+            next,
+            clear,
+            resume,
+            block
         });
     }
 

@@ -9,6 +9,9 @@
 //! need not hold the number of samples before it. A position in a volume of n voxels is off by some 2^-23 n voxels, and so is t. The field is read less the middle of its
 //! range.
 //!
+//! **Passes.** Software Vulkan (Mesa) ends the loops of a shader silently after 65,535 turns. There a ray pauses before that and goes on in another pass over the image; its
+//! state is kept with it on the device, and both ways give the same bits. Other adapters draw in one pass.
+//!
 //! **No guarantee**, as for `peaks/cpu-paper`: pairs of crossings between two samples are lost. Claims are never made.
 //!
 //! Source: Knoll et al. 2009, sections 4 to 6; corrections in the documentation of [`crate::sampling`].

@@ -128,6 +128,61 @@ fn every_change_gives_the_frame_of_a_fresh_renderer() {
     assert!(f.rgba.iter().all(|c| *c == [0.0; 4]) && f.t.iter().all(|t| t.is_infinite()));
 }
 
+/// Rays that pause after few turns of their loops give the frame of those that do not.
+#[test]
+fn passes_do_not_show() {
+    let Some((gpu, _one)) = adapter("passes_do_not_show") else {
+        return;
+    };
+    let (data, tf, view) = scene();
+    for k in [
+        &[][..],
+        &[("sampling", "printed"), ("multiplier", "on"), ("sk", "1")],
+        &[("macrocells", "off"), ("integration", "lum"), ("shading", "on")],
+        &[
+            ("sampling", "geometric"),
+            ("reconstruction", "cubic"),
+            ("mode", "peak_xor_dvr"),
+        ],
+    ] {
+        let frame = |turns: u32| {
+            let mut r = GpuRenderer::new(gpu.clone(), &request(2, k)).unwrap().with_turns(turns);
+            r.set_data(&data).unwrap();
+            r.set_medium(Some(&tf)).unwrap();
+            let first = image(&mut r, &view);
+            // What a frame leaves with the rays is nothing to the next one.
+            assert_eq!(image(&mut r, &view), first, "{k:?}");
+            first
+        };
+        let whole = frame(1 << 20);
+        assert!(whole.hits.iter().any(|h| *h > 2), "{k:?}");
+        for turns in [31, 50] {
+            assert_eq!(frame(turns), whole, "{k:?} {turns}");
+        }
+    }
+}
+
+/// A ray of some hundred thousand samples: more turns than software Vulkan's loops have.
+#[test]
+fn long_rays_are_drawn_to_their_end() {
+    let Some((_gpu, _one)) = adapter("long_rays_are_drawn_to_their_end") else {
+        return;
+    };
+    let data = grid([40, 3, 3], |x, _, _| (x as f64 * 0.5).sin());
+    let surfaces = [Surface::isovalue(0.3, 0)];
+    let k = [("step", "0.0004"), ("sampling", "uniform")];
+    let view = ray([-1.0, 1.1, 0.9], [1.0, 0.0, 0.0]);
+    let f = draw(&PEAKS_GPU, &data, &surfaces, None, &view, (16, &k));
+    let want = draw(&crate::PEAKS_CPU_PAPER, &data, &surfaces, None, &view, (16, &k));
+    assert!(
+        want.hits[0] == 7 && want.work[0] > 65_535,
+        "{} {}",
+        want.hits[0],
+        want.work[0]
+    );
+    near(&hits(&f), &hits(&want), 1e-3);
+}
+
 #[test]
 fn a_lost_device_is_an_error_and_a_new_renderer_works() {
     let Some((shared, _one)) = adapter("a_lost_device_is_an_error_and_a_new_renderer_works") else {

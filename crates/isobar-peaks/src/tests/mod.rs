@@ -1,5 +1,6 @@
 //! Frames of both methods.
 
+mod bc21;
 mod cases;
 mod clips;
 #[cfg(feature = "gpu")]
@@ -8,6 +9,7 @@ mod gpu;
 mod gpu_scenes;
 mod hard;
 mod input;
+mod packets;
 mod reference;
 mod truth;
 

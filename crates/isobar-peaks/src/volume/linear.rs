@@ -1,9 +1,10 @@
 //! Degree 1: samples at the corners of cells.
 
-use super::{Form, MOST, Volume, locate};
+use super::{Form, MOST, Volume, locate, locate_eight};
 use crate::space::three;
 use glam::DVec3;
 use isobar_core::Samples;
+use isobar_cpu::packet::{LANES, Lanes};
 
 /// Degree 1.
 #[derive(Debug, Clone, Copy)]
@@ -49,10 +50,92 @@ impl<'a> Linear<'a> {
         }
     }
 
+    /// The corners of eight cells.
+    #[inline(always)]
+    fn corners_of_eight<S: Lanes>(self, cells: &[[i32; LANES]; 3]) -> [S; 8] {
+        let mut at = [0; LANES];
+        for (l, at) in at.iter_mut().enumerate() {
+            *at = (cells[2][l] as usize) * self.sz + (cells[1][l] as usize) * self.sy + cells[0][l] as usize;
+        }
+        match self.samples {
+            Samples::U8(s) => pairs(s, &at, self.sy, self.sz),
+            Samples::I16(s) => pairs(s, &at, self.sy, self.sz),
+            Samples::U16(s) => pairs(s, &at, self.sy, self.sz),
+            Samples::F32(s) => pairs(s, &at, self.sy, self.sz),
+        }
+    }
+
     #[inline(always)]
     fn locate(self, at: [f64; 3]) -> ([i32; 3], [f64; 3]) {
         locate(&self.volume.space, at)
     }
+}
+
+/// Samples that are fetched two at a time, as they lie side by side along x, and made numbers of eight at a time.
+trait Sample: Copy {
+    type Pair: Copy + Default;
+    fn pair(first: Self, second: Self) -> Self::Pair;
+    fn numbers(pair: Self::Pair) -> [f64; 2];
+}
+
+/// Two integers of half the width in one.
+macro_rules! sample {
+    ($t:ty, $half:ty, $pair:ty) => {
+        impl Sample for $t {
+            type Pair = $pair;
+            #[inline(always)]
+            fn pair(first: Self, second: Self) -> $pair {
+                <$pair>::from(first as $half) | <$pair>::from(second as $half) << <$half>::BITS
+            }
+            #[inline(always)]
+            fn numbers(pair: $pair) -> [f64; 2] {
+                [f64::from(pair as $t), f64::from((pair >> <$half>::BITS) as $t)]
+            }
+        }
+    };
+}
+sample!(u8, u8, u16);
+sample!(i16, u16, u32);
+sample!(u16, u16, u32);
+
+impl Sample for f32 {
+    type Pair = [f32; 2];
+    #[inline(always)]
+    fn pair(first: f32, second: f32) -> [f32; 2] {
+        [first, second]
+    }
+    #[inline(always)]
+    fn numbers([first, second]: [f32; 2]) -> [f64; 2] {
+        [first.into(), second.into()]
+    }
+}
+
+/// The corners of eight cells whose first ones are at `at`, as in [`Linear::corners`].
+#[inline(always)]
+fn pairs<S: Lanes, T: Sample>(s: &[T], at: &[usize; LANES], sy: usize, sz: usize) -> [S; 8] {
+    let mut two = [[T::Pair::default(); LANES]; 4];
+    for (l, &at) in at.iter().enumerate() {
+        let s = &s[at..at + sz + sy + 2];
+        two[0][l] = T::pair(s[0], s[1]);
+        two[1][l] = T::pair(s[sy], s[sy + 1]);
+        two[2][l] = T::pair(s[sz], s[sz + 1]);
+        two[3][l] = T::pair(s[sz + sy], s[sz + sy + 1]);
+    }
+    let mut out = [S::splat(0.0); 8];
+    for (k, two) in two.iter().enumerate() {
+        let (mut first, mut second) = ([0.0; LANES], [0.0; LANES]);
+        for l in 0..LANES {
+            [first[l], second[l]] = T::numbers(two[l]);
+        }
+        (out[2 * k], out[2 * k + 1]) = (S::load(&first), S::load(&second));
+    }
+    out
+}
+
+/// [`mix`] in lanes.
+#[inline(always)]
+fn mixed<S: Lanes>(p: S, q: S, x: S) -> S {
+    p.along(x, q.sub(p))
 }
 
 #[inline(always)]
@@ -109,6 +192,48 @@ impl Form for Linear<'_> {
         out[1] = (corner(1, za) + corner(2, za) + corner(0, zb)) * (1.0 / 3.0);
         out[2] = (corner(3, za) + corner(1, zb) + corner(2, zb)) * (1.0 / 3.0);
         out[3] = corner(3, zb);
+    }
+
+    #[inline(always)]
+    fn values<S: Lanes>(self, at: [S; 3], _: usize) -> S {
+        let (cells, [x, y, z]) = locate_eight(&self.volume.space, at);
+        let v = self.corners_of_eight::<S>(&cells);
+        mixed(
+            mixed(mixed(v[0], v[1], x), mixed(v[2], v[3], x), y),
+            mixed(mixed(v[4], v[5], x), mixed(v[6], v[7], x), y),
+            z,
+        )
+    }
+
+    #[inline(always)]
+    fn composed<S: Lanes>(self, cells: &[[i32; LANES]; 3], [a, b]: [[S; 3]; 2], reference: f64, _: usize, out: &mut [S; MOST]) {
+        let v = self.corners_of_eight::<S>(cells);
+        let (less, third) = (S::splat(reference), S::splat(1.0 / 3.0));
+        // As in `compose`.
+        let mut x = [less; 8];
+        for k in 0..4 {
+            let (p, q) = (v[2 * k].sub(less), v[2 * k + 1].sub(less));
+            let d = q.sub(p);
+            (x[2 * k], x[2 * k + 1]) = (p.along(a[0], d), p.along(b[0], d));
+        }
+        let mut y = [less; 8];
+        for k in [0, 4] {
+            for i in 0..2 {
+                let (p, q) = (x[k + i], x[k + 2 + i]);
+                let d = q.sub(p);
+                (y[k + i], y[k + 2 + i]) = (p.along(a[1], d), p.along(b[1], d));
+            }
+        }
+        let (za, zb) = (a[2], b[2]);
+        let (mut near, mut far) = ([less; 4], [less; 4]);
+        for i in 0..4 {
+            let d = y[4 + i].sub(y[i]);
+            (near[i], far[i]) = (y[i].along(za, d), y[i].along(zb, d));
+        }
+        out[0] = near[0];
+        out[1] = near[1].add(near[2]).add(far[0]).mul(third);
+        out[2] = near[3].add(far[1]).add(far[2]).mul(third);
+        out[3] = far[3];
     }
 
     /// Least and greatest sample; every type of samples is exact in f32.

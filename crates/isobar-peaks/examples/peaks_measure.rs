@@ -1,6 +1,6 @@
 //! Times, samples and lost crossings of both methods on one data set.
 //!
-//! `measure DATA [repeats] [WxH] [reconstruction] [part of a case's name]`: with the two peaks of `bench-data/tf/two-peaks.toml` at .15 and .45 of the data's range, opacity .3. CPU time is that of the whole
+//! `peaks_measure DATA [repeats] [WxH] [reconstruction] [part of a case's name]`: with the two peaks of `bench-data/tf/two-peaks.toml` at .15 and .45 of the data's range, opacity .3. CPU time is that of the whole
 //! process on one thread, least and median of the repeats, methods interleaved.
 
 mod common;
@@ -32,7 +32,7 @@ fn case(
 
 fn main() -> Result<()> {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let path = args.first().ok_or("measure DATA [repeats] [WxH] [reconstruction]")?;
+    let path = args.first().ok_or("peaks_measure DATA [repeats] [WxH] [reconstruction]")?;
     let repeats: usize = args.get(1).map_or(Ok(5), |s| s.parse())?;
     let (w, h) = args.get(2).map_or("1024x768", |s| s).split_once('x').ok_or("WxH")?;
     let recon = args.get(3).map_or("trilinear", |s| s);

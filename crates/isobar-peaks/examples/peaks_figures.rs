@@ -1,4 +1,4 @@
-//! Figures 1 and 3 to 7 of Knoll et al. 2009 with our data: `figures FOLDER [number]` writes figure-1.png and so on, and prints what each panel took.
+//! Figures 1 and 3 to 7 of Knoll et al. 2009 with our data: `peaks_figures FOLDER [number]` writes figure-1.png and so on, and prints what each panel took.
 //!
 //! The paper's zebrafish, aneurism, backpack and fireset cannot be had; entropic noise and the bonsai stand in for them, the head for the scene of figure 5. Data: those of `common::named`.
 //!
@@ -30,7 +30,7 @@ type Figure = fn(&Path) -> Result<()>;
 
 fn main() -> Result<()> {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let folder = Path::new(args.first().ok_or("figures FOLDER [number]")?);
+    let folder = Path::new(args.first().ok_or("peaks_figures FOLDER [number]")?);
     std::fs::create_dir_all(folder)?;
     let all: [(&str, Figure); 6] = [("1", one), ("3", three), ("4", four), ("5", five), ("6", six), ("7", seven)];
     for (name, figure) in all {
