@@ -44,6 +44,7 @@ pub fn methods() -> Vec<&'static dyn Method> {
         #[cfg(feature = "gpu")]
         &isobar_cellproj::CELLPROJ_GPU,
         &isobar_nurbs::NURBS_CPU,
+        &isobar_nurbs::NURBS_CPU_PAPER,
         &isobar_peaks::PEAKS_CPU,
         &isobar_peaks::PEAKS_CPU_PAPER,
         #[cfg(feature = "gpu")]
