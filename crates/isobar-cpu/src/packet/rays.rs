@@ -40,11 +40,9 @@ pub trait Space {
         for (to, v) in lanes.iter_mut().zip(v) {
             v.store(to);
         }
-        for l in 0..LANES {
-            let v = self.vector(DVec3::new(lanes[0][l], lanes[1][l], lanes[2][l])).to_array();
-            for a in 0..3 {
-                lanes[a][l] = v[a];
-            }
+        let [x, y, z] = &mut lanes;
+        for (x, (y, z)) in x.iter_mut().zip(y.iter_mut().zip(z)) {
+            [*x, *y, *z] = self.vector(DVec3::new(*x, *y, *z)).to_array();
         }
         three(|a| S::load(&lanes[a]))
     }
