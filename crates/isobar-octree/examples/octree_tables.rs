@@ -151,8 +151,11 @@ fn one<const D: usize, const M: usize>(letter: char, how: Composition, thesis: b
     best.ok_or_else(|| "at least one repeat".into())
 }
 
+/// What the thesis has of a data set: its name with the stages, and frames per second.
+type Printed<'a> = (&'a (&'static str, [[f64; 3]; 5]), &'a [f64; 3]);
+
 /// One volume, three degrees.
-fn volume(source: &str, isovalue: f64, printed: Option<(&(&str, [[f64; 3]; 5]), &[f64; 3])>, repeats: usize) -> Result<()> {
+fn volume(source: &str, isovalue: f64, printed: Option<Printed<'_>>, repeats: usize) -> Result<()> {
     let data = match source.parse::<Synthetic>() {
         Ok(s) => s.data()?,
         Err(_) => isobar_io::load(Path::new(source), &isobar_io::Options::default())?.data,

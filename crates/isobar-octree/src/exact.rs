@@ -175,13 +175,13 @@ fn axes(ray: &Ray, domain: &Domain, shift: f64) -> Option<[Axis; 3]> {
 /// The part of a ray in a domain, or that there is none.
 #[derive(Debug)]
 pub(crate) enum Stay {
-    Inside(Line),
+    Inside(Box<Line>),
     Nowhere,
 }
 
 impl Line {
     /// `None` where numbers are not finite.
-    pub(crate) fn new(ray: &Ray, domain: &Domain, shift: f64, clips: &[ClipPlane]) -> Option<Stay> {
+    pub(crate) fn of(ray: &Ray, domain: &Domain, shift: f64, clips: &[ClipPlane]) -> Option<Stay> {
         let axes = axes(ray, domain, shift)?;
         let mut first = Time::new(Dyadic::whole(0), Dyadic::whole(1));
         let mut last: Option<Time> = None;
@@ -219,7 +219,7 @@ impl Line {
         if first.order(&last).is_gt() {
             return Some(Stay::Nowhere);
         }
-        (first.near.is_finite() && last.near.is_finite()).then_some(Stay::Inside(Self { axes, first, last }))
+        (first.near.is_finite() && last.near.is_finite()).then_some(Stay::Inside(Box::new(Self { axes, first, last })))
     }
 
     /// Calls `push` with the roots in order until it returns false. Returns whether all of the ray that was walked is certain.
@@ -432,7 +432,7 @@ impl Exact<'_> {
         stale: u16,
         work: u32,
     ) -> Option<Claim> {
-        let stay = Line::new(ray, &self.space.domain, volume.shift(), self.clips)?;
+        let stay = Line::of(ray, &self.space.domain, volume.shift(), self.clips)?;
         for layer in 0..usize::from(stale).min(out.layers()) {
             out.set_hit(layer, x, y, &Hit::NONE);
         }
