@@ -1,4 +1,4 @@
-//! Tables 6.1 and 6.3 of Steinberger 2010 in the thesis's form, its numbers in brackets: the stages of an algebraic surface and of a volume, one thread, 1024x768.
+//! Tables 6.1, 6.3 and, of 6.2, the rows of the octree caster, of Steinberger 2010 in the thesis's form, its numbers in brackets: the stages of an algebraic surface and of a volume, one thread, 1024x768.
 //! `cargo run --release -p isobar-octree --example octree_tables -- [REPEATS] [DATA ISOVALUE]...`. A column of Table 6.3 stands beside the thesis's data set of its place:
 //! Bucky, Dragon, Foot, Vertebra; the default is Bucky's stand-in alone, a gyroid of 32^3.
 
@@ -69,6 +69,9 @@ const PRINTED_6_3: [(&str, [[f64; 3]; 5]); 4] = [
     ),
 ];
 
+/// Table 6.2, frames per second: data sets, degrees (paper-numbers: Steinberger2010, Tab6.2). Its row "sampling" is that of a texture unit.
+const PRINTED_6_2: [[f64; 3]; 4] = [[31.2, 16.3, 7.1], [9.8, 6.9, 4.6], [4.6, 2.8, 1.5], [6.6, 5.3, 3.5]];
+
 const KINDS: [Kind; 3] = [Kind::Trilinear, Kind::Quadratic, Kind::Cubic];
 
 fn main() -> Result<()> {
@@ -83,7 +86,7 @@ fn main() -> Result<()> {
         let [source, isovalue] = scene else {
             return Err("every DATA needs an ISOVALUE".into());
         };
-        volume(source, isovalue.parse()?, PRINTED_6_3.get(i), repeats)?;
+        volume(source, isovalue.parse()?, PRINTED_6_3.get(i).zip(PRINTED_6_2.get(i)), repeats)?;
     }
     Ok(())
 }
@@ -148,8 +151,11 @@ fn one<const D: usize, const M: usize>(letter: char, how: Composition, thesis: b
     best.ok_or_else(|| "at least one repeat".into())
 }
 
+/// What the thesis has of a data set: its name with the stages, and frames per second.
+type Printed<'a> = (&'a (&'static str, [[f64; 3]; 5]), &'a [f64; 3]);
+
 /// One volume, three degrees.
-fn volume(source: &str, isovalue: f64, printed: Option<&(&str, [[f64; 3]; 5])>, repeats: usize) -> Result<()> {
+fn volume(source: &str, isovalue: f64, printed: Option<Printed<'_>>, repeats: usize) -> Result<()> {
     let data = match source.parse::<Synthetic>() {
         Ok(s) => s.data()?,
         Err(_) => isobar_io::load(Path::new(source), &isobar_io::Options::default())?.data,
@@ -160,6 +166,8 @@ fn volume(source: &str, isovalue: f64, printed: Option<&(&str, [[f64; 3]; 5])>, 
     };
     let grid = grid.clone();
     let data = Arc::new(data);
+    let rate = printed.map(|p| p.1);
+    let printed = printed.map(|p| p.0);
     let beside = printed.map_or(String::new(), |p| format!(", beside {}", p.0));
     println!("Table 6.3, {source} at {isovalue}{beside} [the thesis]: ms and per cent");
     print!("{:20}", "");
@@ -191,6 +199,13 @@ fn volume(source: &str, isovalue: f64, printed: Option<&(&str, [[f64; 3]; 5])>, 
     print!("\n{:20}", "without clocks");
     for (_, whole) in &columns {
         print!("  {whole:7.2}                      ");
+    }
+    print!("\n{:20}", "Table 6.2, fps");
+    for (d, (_, whole)) in columns.iter().enumerate() {
+        match rate {
+            Some(of) => print!("  {:7.1}       [{:6.1}]        ", 1e3 / whole, of[d]),
+            None => print!("  {:7.1}                      ", 1e3 / whole),
+        }
     }
     print!("\n{:20}", "pixels hit");
     for (c, _) in &columns {

@@ -138,14 +138,13 @@ impl Inside {
 }
 
 impl<T: Sample> Search<'_, T> {
-    /// Returns whether to go on.
+    /// The samples at the corners of a cell, x fastest.
     #[inline(always)]
-    pub(crate) fn cell<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>, cell: [i32; 3], t0: f64, t1: f64) -> bool {
-        way.work.cells += 1;
+    pub(crate) fn corners(&self, cell: [i32; 3]) -> [f64; 8] {
         let (sy, sz) = (self.dims[0], self.dims[0] * self.dims[1]);
-        let at = cell[2] as usize * sz + cell[1] as usize * sy + cell[0] as usize;
+        let at = corner(self.dims, cell);
         let s = &self.samples[at..at + sz + sy + 2];
-        let v: [f64; 8] = [
+        [
             s[0].into(),
             s[1].into(),
             s[sy].into(),
@@ -154,7 +153,14 @@ impl<T: Sample> Search<'_, T> {
             s[sz + 1].into(),
             s[sz + sy].into(),
             s[sz + sy + 1].into(),
-        ];
+        ]
+    }
+
+    /// Returns whether to go on.
+    #[inline(always)]
+    pub(crate) fn cell<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>, cell: [i32; 3], t0: f64, t1: f64) -> bool {
+        way.work.cells += 1;
+        let v = self.corners(cell);
         let w = way.walk;
         // A plane the ray enters or leaves by has its exact coordinate.
         let local = |a: usize, t: f64| {
@@ -331,9 +337,15 @@ fn composed(v: &[f64; 8], c: f64, a: [f64; 3], b: [f64; 3]) -> [f64; 4] {
     ]
 }
 
+/// Index of the first sample of a cell; 64 bits wide, so that volumes of more than 2^32 samples work.
+#[inline(always)]
+pub(crate) fn corner(dims: [usize; 3], cell: [i32; 3]) -> usize {
+    (cell[2] as usize * dims[1] + cell[1] as usize) * dims[0] + cell[0] as usize
+}
+
 /// Gradient of the trilinear interpolant at local x, per cell.
 #[inline(always)]
-fn gradient(v: &[f64; 8], [x, y, z]: [f64; 3]) -> DVec3 {
+pub(crate) fn gradient(v: &[f64; 8], [x, y, z]: [f64; 3]) -> DVec3 {
     let mix = |p: f64, q: f64, x: f64| p + x * (q - p);
     let d = |i: usize, j: usize| v[j] - v[i];
     DVec3::new(
@@ -341,4 +353,20 @@ fn gradient(v: &[f64; 8], [x, y, z]: [f64; 3]) -> DVec3 {
         mix(mix(d(0, 2), d(1, 3), x), mix(d(4, 6), d(5, 7), x), z),
         mix(mix(d(0, 4), d(1, 5), x), mix(d(2, 6), d(3, 7), x), y),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Indices beyond 2^32 samples, without the memory.
+    #[test]
+    fn cells_of_huge_volumes_are_addressed() {
+        let dims = [5000, 6000, 7000];
+        let last = corner(dims, [4998, 5998, 6998]);
+        // The last of its eight samples is the last of all.
+        assert_eq!((last + dims[0] * dims[1] + dims[0] + 1) as u64, 5000 * 6000 * 7000 - 1);
+        assert!(last > u32::MAX as usize);
+        assert_eq!(corner([1 << 30, 2, 2], [(1 << 30) - 2, 0, 0]), (1 << 30) - 2);
+    }
 }

@@ -17,7 +17,7 @@ use std::time::Instant;
 
 pub(crate) static INFO: MethodInfo = MethodInfo {
     id: "octree/cpu",
-    summary: "every root of a trilinear, quadratic or cubic spline, cell by cell, with proofs in f64",
+    summary: "every root of a trilinear, quadratic or cubic spline, cell by cell, with proofs",
     paper: "Steinberger, Isosurface rendering with spline wavelets and octrees, Graz 2010",
     data: DataKind::GRID,
     hits: true,
@@ -31,7 +31,7 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
         },
         KnobSpec {
             name: "claims",
-            doc: "prove hits and misses (EXISTS, FIRST, EMPTY) where f64 arithmetic can",
+            doc: "prove hits and misses (EXISTS, FIRST, EMPTY) in f64, and exactly where that cannot tell",
             kind: KnobKind::Choice(&["on", "off"]),
         },
     ],
@@ -47,8 +47,8 @@ pub struct OctreeCpu;
 /// The knob `reconstruction` chooses among [`Kind::ALL`]: trilinear, quadratic and cubic B-splines with the samples as coefficients, and the two that
 /// interpolate the samples. All hits in order; open cuts by clipping planes. Guarantee with `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none
 /// before it, with EMPTY none at all; the proofs are the bounds derived in `walk.rs` (degree 1) and `smooth/caster.rs` (degrees 2 and 3), about
-/// 1e-13 and 1e-11 of the range of the coefficients for ordinary views. A pixel without them was not decided: the ray touches the surface, or
-/// passes an end of the domain, within that bound. Source: Steinberger 2010, sections 3.2 and 3.3; matrices: maths, corrections, section B.
+/// 1e-13 and 1e-11 of the range of the coefficients for ordinary views. Rays that this leaves open are decided in exact arithmetic (`exact.rs`), 16 of a tile at most. A pixel without
+/// claims was not decided: the ray touches the surface exactly. The counters tell the rays that went alone, those decided exactly, and those left open. Source: Steinberger 2010, sections 3.2 and 3.3; matrices: maths, corrections, section B.
 pub static OCTREE_CPU: OctreeCpu = OctreeCpu;
 
 impl Method for OctreeCpu {
@@ -334,21 +334,23 @@ impl Renderer for Octree {
 
 /// Work of all tiles.
 #[derive(Debug, Default)]
-struct SharedWork([AtomicU64; 5]);
+struct SharedWork([AtomicU64; 8]);
 
 impl SharedWork {
-    fn add(&self, work: [u64; 5]) {
+    fn add(&self, work: [u64; 8]) {
         for (total, n) in self.0.iter().zip(work) {
             total.fetch_add(n, Ordering::Relaxed);
         }
     }
 
     fn linear(&self, w: Work) {
-        self.add([w.nodes, w.bricks, w.cells, w.cubics, 0]);
+        self.add([w.alone, w.exact[0], w.exact[1], w.nodes, w.bricks, w.cells, w.cubics, 0]);
     }
 
     fn smooth(&self, w: smooth::Work) {
-        self.add([w.nodes, w.bricks, w.cells, w.filtered, w.composed]);
+        self.add([
+            w.alone, w.exact[0], w.exact[1], w.nodes, w.bricks, w.cells, w.filtered, w.composed,
+        ]);
     }
 
     fn get(&self, smooth: bool) -> Counters {
@@ -357,9 +359,10 @@ impl SharedWork {
         } else {
             &["nodes", "bricks", "cells", "cubics"]
         };
+        let rays = &["rays alone", "rays exact", "rays undecided"];
         Counters(
-            names
-                .iter()
+            rays.iter()
+                .chain(names)
                 .zip(&self.0)
                 .map(|(&n, w)| (n, w.load(Ordering::Relaxed)))
                 .collect(),

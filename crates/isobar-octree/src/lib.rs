@@ -1,8 +1,8 @@
 //! Steinberger 2010: octree ray casting of splines on regular grids.
 //!
 //! M. Steinberger, *Isosurface rendering with spline wavelets and octrees* (thesis, Graz 2010). The casters `octree/cpu` and
-//! `octree/gpu` (feature `gpu`) of degrees 1, 2 and 3 find every root of the spline along a ray, on the CPU with proofs where f64 arithmetic
-//! gives them; [`compose`], [`finders`] and [`wavelet`] are the thesis's parts as studied things, [`comparators`] what it compares itself with,
+//! `octree/gpu` (feature `gpu`) of degrees 1, 2 and 3 find every root of the spline along a ray, on the CPU with proofs in f64, or in exact arithmetic where that
+//! cannot tell; [`compose`], [`finders`] and [`wavelet`] are the thesis's parts as studied things, [`comparators`] what it compares itself with,
 //! [`blocks`] and [`stages`] its counts and clocks of a frame. What of the thesis is not here is listed in the README.
 //!
 //! ```
@@ -29,6 +29,9 @@ pub mod comparators;
 pub mod compose;
 mod cpu;
 mod cubic;
+mod exact;
+#[cfg(test)]
+mod exact_tests;
 pub mod finders;
 #[cfg(feature = "gpu")]
 mod gpu;

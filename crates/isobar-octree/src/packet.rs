@@ -3,9 +3,9 @@
 //! Steinberger 2010, section 3.2 (S12, S13). Coefficients obey the bounds of `walk.rs` and `smooth/along.rs`: coordinates in a cell are
 //! measured from the near plane, (t - t_near) |d|, or back from the far one, which rounds no more than o + t d does.
 //!
-//! **Several isovalues.** Polynomials are composed for the first one, c; the others, c', shift it by a rounded c' - c. Both are off by at most 2u (M + M'), with M and M' the greatest
+//! **Several isovalues.** Polynomials are composed for the one nearest to the middle of the data, c; the others, c', shift it by a rounded c' - c. Both are off by at most 2u (M + M'), with M and M' the greatest
 //! |sample - c| and |sample - c'|, and 6EM bounds what the position does, as does 6EM': positions move a polynomial by the same amount whatever its constant. So the bound
-//! of the greater of M and M' holds for the other isovalue: what the shift adds is within the part of it that is left over (`walk.rs`: 22u of 64u are used; `smooth/along.rs`:
+//! of the greater of M and M', which is M', holds for the other isovalue: what the shift adds is within the part of it that is left over (`walk.rs`: 22u of 64u are used; `smooth/along.rs`:
 //! 716u of 800u).
 
 use crate::trilinear::MARGIN;
@@ -48,22 +48,30 @@ pub(crate) fn place<'a>(space: &'a Space, view: &'a View, tile: Tile, shift: f64
     }
 }
 
-/// An isovalue, relative to the first one.
+/// An isovalue, relative to the one that polynomials are composed for.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Value {
-    /// What polynomials of the first one are lowered by.
+    /// What those polynomials are lowered by.
     pub(crate) shift: f64,
     /// What a coefficient may be off by.
     pub(crate) bound: f64,
 }
 
+/// The isovalue that polynomials are composed for: the one whose samples differ least from it, so that one far outside the data puts no other in doubt.
+pub(crate) fn reference(bounds: &[Bounds]) -> &Bounds {
+    bounds[1..]
+        .iter()
+        .fold(&bounds[0], |least, b| if b.size < least.size { b } else { least })
+}
+
 /// The isovalues; `bound(size)`: what a coefficient may be off by where the samples differ from the isovalue by at most `size`.
 pub(crate) fn values(bounds: &[Bounds], scale: f64, bound: impl Fn(f64) -> f64) -> Vec<Value> {
+    let reference = reference(bounds).isovalue;
     bounds
         .iter()
         .map(|b| Value {
-            shift: scale * (b.isovalue - bounds[0].isovalue),
-            bound: bound(b.size.max(bounds[0].size)),
+            shift: scale * (b.isovalue - reference),
+            bound: bound(b.size),
         })
         .collect()
 }
@@ -142,15 +150,20 @@ impl<W: Drawn> WithLanes for Draw<'_, '_, W> {
         let place = what.place();
         let count = out.holds(Channels::WORK);
         let wanted = Wanted::new(out, what.surfaces());
-        let Some(frustum) = packet.start::<S, _>(place, wanted, count) else {
+        if !packet.make::<S, _>(place, wanted, count) {
             return Done::leaving(place.rays());
-        };
+        }
         let mut done = Done::leaving([0; packet::BLOCKS]);
-        if packet.rays.blocks != 0 {
+        while let Some(frustum) = packet.next_group::<S, _>(place) {
+            if packet.rays.blocks == 0 {
+                continue;
+            }
             let crossing = Crossing::new(&packet.rays, place, view);
             let mut cells = what.cells(packet, count);
-            done.crossed = crossing.cross::<S, _>(&mut cells, &frustum);
-            done.cells = cells.looked();
+            let crossed = crossing.cross::<S, _>(&mut cells, &frustum);
+            done.crossed.nodes += crossed.nodes;
+            done.crossed.bricks += crossed.bricks;
+            done.cells += cells.looked();
             drop(cells);
             what.solve::<S>(packet);
         }

@@ -1,8 +1,9 @@
 //! The active cells of a trilinear volume for one tile, and the roots in them.
 
 use crate::bricks::{Sample, bit};
+use crate::cell::corner;
 use crate::cubic::{self, Event};
-use crate::packet::{Drawn, Looked, Packet, Value, values};
+use crate::packet::{Drawn, Looked, Packet, Value, reference, values};
 use crate::walk::{Search, Space, three};
 use isobar_cpu::packet::{Cells, Group, LANES, Lanes, One, Place, Rays, Solved, cubic_roots, ones, only_roots};
 use isobar_cpu::scene::Isovalues;
@@ -57,7 +58,7 @@ impl<T: Sample> Drawn for LinearTile<'_, T> {
                 corner(6),
                 corner(7),
             ],
-            isovalue: self.search.bounds[0].isovalue,
+            isovalue: reference(self.search.bounds).isovalue,
             values: self.values(p),
             count,
             looked: 0,
@@ -88,6 +89,12 @@ impl<T: Sample> Drawn for LinearTile<'_, T> {
             t.store(&mut lanes[0]);
             error.store(&mut lanes[1]);
             for l in ones(group.held.into()) {
+                if self.search.claims && !lanes[1][l].is_finite() {
+                    // Not proved in lanes: what is known about such a ray is worked out alone.
+                    let ray = usize::from(group.ray[l]);
+                    p.rays.single[ray / LANES] |= 1 << (ray % LANES);
+                    continue;
+                }
                 let root = Solved {
                     t: lanes[0][l],
                     error: lanes[1][l],
@@ -135,11 +142,11 @@ impl<T: Sample> LinearTile<'_, T> {
             }
         }
         let rays = S::index(u64::from_le_bytes(group.ray));
-        let [x, y, z] = three(|a| {
-            let near = group.near[a].mul(Rays::of(&p.inv[a], rays)).add(Rays::of(&p.shift[a], rays));
-            let local = t.sub(near).mul(Rays::of(&p.speed[a], rays));
-            local.max(S::splat(0.0)).min(S::splat(1.0))
-        });
+        let [x, y, z] = [
+            local(p, 0, group.near[0], rays, t),
+            local(p, 1, group.near[1], rays, t),
+            local(p, 2, group.near[2], rays, t),
+        ];
         let d = |i: usize, j: usize| S::load(&v[j]).sub(S::load(&v[i]));
         let mix = |p: S, q: S, x: S| p.along(x, q.sub(p));
         let g = [
@@ -168,6 +175,14 @@ impl<T: Sample> LinearTile<'_, T> {
         }
         out
     }
+}
+
+/// Local coordinates along axis `a` of rays at t, from the near planes. Not a closure: those are not inlined when they are large, and their instructions then become calls.
+#[inline(always)]
+fn local<S: Lanes>(p: &Rays, a: usize, near: S, rays: S::Index, t: S) -> S {
+    let near = near.mul(Rays::of(&p.inv[a], rays)).add(Rays::of(&p.shift[a], rays));
+    let local = t.sub(near).mul(Rays::of(&p.speed[a], rays));
+    local.max(S::splat(0.0)).min(S::splat(1.0))
 }
 
 /// The cells of a trilinear volume, for one tile.
@@ -217,7 +232,7 @@ impl<T: Sample> Cells for LinearCells<'_, T> {
     fn cell<S: Lanes>(&mut self, blocks: u32, cell: [i32; 3], _bit: u32) {
         let dims = self.search.dims;
         let sz = dims[0] * dims[1];
-        let base = cell[2] as usize * sz + cell[1] as usize * dims[0] + cell[0] as usize;
+        let base = corner(dims, cell);
         let s = &self.search.samples[base..base + sz + dims[0] + 2];
         let v = |n: usize| -> f64 {
             let x: f64 = s[self.offsets[n]].into();

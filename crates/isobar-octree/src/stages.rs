@@ -247,27 +247,28 @@ impl<W: Drawn> WithLanes for Run<'_, '_, W> {
         let wanted = Wanted::new(out, surfaces);
         let clock = Instant::now();
         let misses = place.misses(view);
-        let frustum = if misses {
+        let together = if misses {
             p.forget();
-            None
+            true
         } else {
-            p.start::<S, _>(place, wanted, false)
+            p.make::<S, _>(place, wanted, false)
         };
         laps.setup += clock.elapsed();
-        let Some(frustum) = frustum else {
-            if !misses {
-                return place.rays();
-            }
-            let clock = Instant::now();
-            p.write(place, surfaces, out, what.claims(), false);
-            laps.finish += clock.elapsed();
-            return p.rays.single;
-        };
+        if !together {
+            return place.rays();
+        }
         let mut log = Log::default();
         let mut way = Duration::ZERO;
         let mut solved = Duration::ZERO;
         let mut finish = Duration::ZERO;
-        if p.rays.blocks != 0 {
+        loop {
+            let clock = Instant::now();
+            let frustum = p.next_group::<S, _>(place);
+            laps.setup += clock.elapsed();
+            let Some(frustum) = frustum else { break };
+            if p.rays.blocks == 0 {
+                continue;
+            }
             let crossing = Crossing::new(&p.rays, place, view);
             let clock = Instant::now();
             let mut cells = Marked {
@@ -276,38 +277,45 @@ impl<W: Drawn> WithLanes for Run<'_, '_, W> {
                 log: &mut log,
             };
             black_box(crossing.cross::<S, _>(&mut cells, &frustum));
-            way = clock.elapsed();
+            way += clock.elapsed();
             drop(cells);
             let clock = Instant::now();
             what.roots::<S>(p);
-            solved = clock.elapsed();
+            solved += clock.elapsed();
             let clock = Instant::now();
             what.solve::<S>(p);
-            finish = clock.elapsed();
+            finish += clock.elapsed();
         }
         let clock = Instant::now();
         p.write(place, surfaces, out, what.claims(), false);
         finish += clock.elapsed();
         let left = p.rays.single;
+        if misses {
+            laps.finish += finish;
+            return left;
+        }
         // Once more, to know which look into a cell ended which ray; and once with nothing but that.
         let mut traversed = Duration::ZERO;
         for mode in [Mode::Record, Mode::Replay] {
-            let Some(frustum) = p.start::<S, _>(place, wanted, false) else {
-                break;
-            };
-            if p.rays.blocks == 0 {
+            if !p.make::<S, _>(place, wanted, false) {
                 break;
             }
-            let crossing = Crossing::new(&p.rays, place, view);
             (log.looks, log.next) = (0, 0);
-            let mut cells = Marked {
-                cells: what.cells(p, false),
-                mode,
-                log: &mut log,
-            };
-            let clock = Instant::now();
-            black_box(crossing.cross::<S, _>(&mut cells, &frustum));
-            traversed = clock.elapsed();
+            traversed = Duration::ZERO;
+            while let Some(frustum) = p.next_group::<S, _>(place) {
+                if p.rays.blocks == 0 {
+                    continue;
+                }
+                let crossing = Crossing::new(&p.rays, place, view);
+                let mut cells = Marked {
+                    cells: what.cells(p, false),
+                    mode,
+                    log: &mut log,
+                };
+                let clock = Instant::now();
+                black_box(crossing.cross::<S, _>(&mut cells, &frustum));
+                traversed += clock.elapsed();
+            }
         }
         laps.traverse += traversed;
         laps.compose += way.saturating_sub(traversed);

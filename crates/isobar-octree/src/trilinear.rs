@@ -1,12 +1,13 @@
 //! The trilinear caster: the rays of one tile, their hits, and what is claimed about them.
 
 use crate::bricks::Sample;
-use crate::cell::{Root, Scratch};
+use crate::cell::{Root, Scratch, gradient};
+use crate::exact::{Exact, Volume};
 use crate::packet::{self, applies};
 use crate::packet_cells::LinearTile;
-use crate::walk::{Entry, Search, Space, Walk, Work};
+use crate::walk::{Entry, Search, Space, Walk, Work, three};
 use glam::DVec3;
-use isobar_core::{Claim, Hit, Ray, View};
+use isobar_core::{Camera, Claim, Hit, Ray, View};
 use isobar_cpu::packet::{Projection, RaySet, holds};
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
@@ -38,6 +39,7 @@ pub(crate) fn draw<T: Sample>(level: Level, tile: DrawTile<'_, '_, T>) -> Work {
             bricks: done.crossed.bricks,
             cells: done.cells,
             cubics: done.cells * tile.surfaces.values().len() as u64,
+            ..Work::default()
         };
         if done.left.iter().all(|&b| b == 0) {
             return work;
@@ -50,6 +52,7 @@ pub(crate) fn draw<T: Sample>(level: Level, tile: DrawTile<'_, '_, T>) -> Work {
         bricks: work.bricks + alone.bricks,
         cells: work.cells + alone.cells,
         cubics: work.cubics + alone.cubics,
+        ..alone
     }
 }
 
@@ -61,6 +64,30 @@ impl<'a, T: Sample> DrawTile<'a, '_, T> {
             place: packet::place(self.space, self.view, self.tile, 0.0, 1.0),
             surfaces: self.surfaces,
         }
+    }
+}
+
+impl<T: Sample> Volume for Search<'_, T> {
+    fn degree(&self) -> usize {
+        1
+    }
+
+    fn cells(&self) -> [i32; 3] {
+        three(|a| self.dims[a] as i32 - 1)
+    }
+
+    fn shift(&self) -> f64 {
+        0.0
+    }
+
+    fn stencil(&self, cell: [i32; 3]) -> [f64; 64] {
+        let mut out = [0.0; 64];
+        out[..8].copy_from_slice(&self.corners(cell));
+        out
+    }
+
+    fn gradient(&self, cell: [i32; 3], at: [f64; 3], _: f64) -> DVec3 {
+        gradient(&self.corners(cell), at)
     }
 }
 
@@ -94,6 +121,13 @@ impl<T: Sample> Kernel for SingleRays<'_, '_, T> {
             }
             return work;
         }
+        let exact = Exact {
+            space,
+            clips: &view.clips,
+            bounds: search.bounds,
+            surfaces,
+        };
+        let allowed = exact.allowed(search.claims, matches!(view.camera, Camera::Rays(_)), out);
         for (x, y) in tile.pixels() {
             if self.rays.is_some_and(|set| !holds(&set, x - tile.x, y - tile.y)) {
                 continue;
@@ -101,6 +135,8 @@ impl<T: Sample> Kernel for SingleRays<'_, '_, T> {
             let ray = rays.ray(x, y);
             search.margin = space.margin(ray.origin);
             let before = work.cells;
+            work.alone += 1;
+            let near = search.margin <= MARGIN;
             let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
             let mut claim = Claim::empty();
             let mut certain = search.margin <= MARGIN;
@@ -130,14 +166,21 @@ impl<T: Sample> Kernel for SingleRays<'_, '_, T> {
             if !search.claims {
                 claim = Claim::empty();
             }
-            sink.finish(claim, (work.cells - before) as u32);
+            let (hits, cells) = (sink.hits(), (work.cells - before) as u32);
+            sink.finish(claim, cells);
+            if near && !Exact::is_decided(claim) && (work.exact[0] as usize) < allowed {
+                work.exact[0] += 1;
+                let anew = exact.draw(&search, out, [x, y], &ray, hits, cells);
+                work.exact[1] += u64::from(!anew.is_some_and(Exact::is_decided));
+            }
         }
         work
     }
 }
 
+/// A root as a hit; `exists`: whether it is proved.
 #[inline(always)]
-fn hit(ray: &Ray, root: &Root, surfaces: &Isovalues, space: &Space, exists: bool) -> Hit {
+pub(crate) fn hit(ray: &Ray, root: &Root, surfaces: &Isovalues, space: &Space, exists: bool) -> Hit {
     let g = space.world_gradient(root.gradient);
     Hit {
         t: root.t,

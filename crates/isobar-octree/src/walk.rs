@@ -22,8 +22,8 @@ use crate::cell::{Root, Scratch, Way};
 use glam::DVec3;
 use isobar_core::{ClipPlane, Domain, Ray};
 use isobar_cpu::clip::{self, Side, kept};
-use isobar_cpu::packet;
 pub(crate) use isobar_cpu::packet::three;
+use isobar_cpu::packet::{self, Lanes};
 
 /// Unit roundoff of f64.
 const U: f64 = 0.5 * f64::EPSILON;
@@ -152,6 +152,16 @@ impl packet::Space for Space {
     #[inline(always)]
     fn vector(&self, v: DVec3) -> DVec3 {
         self.index_vector(v)
+    }
+    #[inline(always)]
+    fn vectors<S: Lanes>(&self, v: [S; 3]) -> [S; 3] {
+        let m = self.to_index;
+        let along = |i: usize, a: usize| S::splat(m[i][a]).mul(v[i]);
+        if self.aligned {
+            three(|a| along(a, a))
+        } else {
+            three(|a| along(0, a).add(along(1, a)).add(along(2, a)))
+        }
     }
     #[inline(always)]
     fn margin(&self, origin: DVec3) -> f64 {
@@ -308,6 +318,10 @@ pub(crate) struct Work {
     pub(crate) cells: u64,
     /// As many, once per isovalue.
     pub(crate) cubics: u64,
+    /// Rays that went alone.
+    pub(crate) alone: u64,
+    /// Rays decided in exact arithmetic, and those that it left undecided.
+    pub(crate) exact: [u64; 2],
 }
 
 /// A volume with the surfaces sought in it.

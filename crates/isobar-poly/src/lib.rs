@@ -51,6 +51,8 @@
 //!
 //! The bounds are worst case, usually several times the real error.
 //!
+//! [`exact`] has whole numbers of any size instead, for what is left undecided: no bounds, some thousand times slower.
+//!
 //! # Method
 //! Depth-first, left-first halving by de Casteljau's scheme until Descartes' rule of signs says 0 or 1 (Lane and Riesenfeld,
 //! "Bounds on a polynomial", BIT 21, 1981), then Newton's iteration inside the cell from the crossing of the control polygon, then a check
@@ -59,6 +61,7 @@
 mod answer;
 pub mod bernstein;
 mod cell;
+pub mod exact;
 mod packet;
 pub mod power;
 mod real;

@@ -1,11 +1,14 @@
-//! Roots on their way from a cell to a pixel: put aside, worked out eight at a time, put in order, written.
+//! Roots on their way from a cell to a pixel: put aside, worked out, put in order, written.
+//!
+//! Where the first root ends a ray, as in most frames, there is a place for one per ray, and nothing is put in order.
 
 use super::lanes::{LANES, Lanes};
+use super::pending::{One, Pending};
 use super::rays::{Frustum, Place, Rays, Space};
 use super::{BLOCKS, RAYS, RaySet, ones, pixel};
 use crate::scene::Isovalues;
-use crate::{PixelSink, TileOut};
-use isobar_core::{Channels, Claim, Hit};
+use crate::{Blend, PixelSink, TileOut};
+use isobar_core::{Channels, Claim, Hit, Pixel};
 
 /// Roots of a tile: more than some 100 a ray are not gathered, and the rays go alone.
 const MOST: usize = 1 << 15;
@@ -59,196 +62,6 @@ impl Wanted {
     }
 }
 
-/// Polynomials of up to `N` coefficients that have one root each for certain, with what belongs to it; the entries of a list each.
-#[derive(Debug)]
-pub struct Pending<const N: usize> {
-    count: usize,
-    p: [Vec<f64>; N],
-    ends: [Vec<f64>; 2],
-    root: [Vec<f64>; 2],
-    near: [Vec<f64>; 3],
-    ray: Vec<u8>,
-    value: Vec<u8>,
-    kind: Vec<u8>,
-}
-
-/// One of [`Pending`].
-#[derive(Debug, Clone, Copy)]
-pub struct One<'a> {
-    /// Its ray, `LANES * block + lane`.
-    pub ray: u8,
-    /// Coefficients between `ends`.
-    pub p: &'a [f64],
-    /// Parameters.
-    pub ends: [f64; 2],
-    /// The root in [0, 1] and how far its bracket reaches to both sides; below 0 where there is only one.
-    pub root: [f64; 2],
-    /// The cell, as the method counts it.
-    pub near: [f64; 3],
-    /// Number of the isovalue.
-    pub value: u8,
-    /// What part of the cell.
-    pub kind: u8,
-}
-
-/// Eight of [`Pending`], of which `held` are.
-#[derive(Debug)]
-pub struct Group<S, const N: usize> {
-    /// Coefficients between the ends.
-    pub p: [S; N],
-    /// Parameters.
-    pub ends: [S; 2],
-    /// See [`One::root`].
-    pub root: [S; 2],
-    /// See [`One::near`].
-    pub near: [S; 3],
-    /// Rays, isovalues and kinds; 0 where nothing is held.
-    pub ray: [u8; LANES],
-    /// See [`One::value`].
-    pub value: [u8; LANES],
-    /// See [`One::kind`].
-    pub kind: [u8; LANES],
-    /// The first ones.
-    pub held: u8,
-}
-
-/// Puts the lanes of a mask together at `at`; there is room for eight.
-#[inline(always)]
-fn put<S: Lanes>(all: &mut [f64], at: usize, m: u8, v: S) {
-    if let Some(to) = all[at..].first_chunk_mut() {
-        v.store_packed(m, to);
-    }
-}
-
-/// Eight from `at` on.
-#[inline(always)]
-fn get<S: Lanes>(all: &[f64], at: usize) -> S {
-    all[at..].first_chunk().map_or(S::splat(0.0), S::load)
-}
-
-/// As [`get`], for bytes; 0 beyond `n`.
-#[inline(always)]
-fn bytes(all: &[u8], at: usize, n: usize) -> [u8; LANES] {
-    let mut out = [0; LANES];
-    for (to, &from) in out.iter_mut().zip(&all[at..at + n]) {
-        *to = from;
-    }
-    out
-}
-
-impl<const N: usize> Pending<N> {
-    const fn new() -> Self {
-        Self {
-            count: 0,
-            p: [const { Vec::new() }; N],
-            ends: [const { Vec::new() }; 2],
-            root: [const { Vec::new() }; 2],
-            near: [const { Vec::new() }; 3],
-            ray: Vec::new(),
-            value: Vec::new(),
-            kind: Vec::new(),
-        }
-    }
-
-    /// How many there are.
-    #[must_use]
-    pub const fn len(&self) -> usize {
-        self.count
-    }
-
-    /// Whether there are none.
-    #[must_use]
-    pub const fn is_empty(&self) -> bool {
-        self.count == 0
-    }
-
-    /// Room for eight more.
-    #[cold]
-    #[inline(never)]
-    fn grow(&mut self) {
-        let n = (2 * self.count).max(RAYS) + LANES;
-        for v in (self.p.iter_mut())
-            .chain(&mut self.ends)
-            .chain(&mut self.root)
-            .chain(&mut self.near)
-        {
-            v.resize(n, 0.0);
-        }
-        for v in [&mut self.ray, &mut self.value, &mut self.kind] {
-            v.resize(n, 0);
-        }
-    }
-
-    #[inline(always)]
-    fn push<S: Lanes>(&mut self, m: u8, b: usize, p: &[S], ends: [S; 2], near: [f64; 3], value: u8) {
-        let n = self.count;
-        if n + LANES > self.ray.len() {
-            self.grow();
-        }
-        for (all, &v) in self.p.iter_mut().zip(p) {
-            put(all, n, m, v);
-        }
-        put(&mut self.ends[0], n, m, ends[0]);
-        put(&mut self.ends[1], n, m, ends[1]);
-        put(&mut self.root[0], n, u8::MAX, S::splat(-1.0));
-        put(&mut self.root[1], n, u8::MAX, S::splat(0.0));
-        for (all, &v) in self.near.iter_mut().zip(&near) {
-            put(all, n, u8::MAX, S::splat(v));
-        }
-        let rays = 0x0706_0504_0302_0100 + (b * LANES) as u64 * 0x0101_0101_0101_0101;
-        if let Some(to) = self.ray[n..].first_chunk_mut() {
-            *to = S::pack_bytes(rays, m).to_le_bytes();
-        }
-        if let Some(to) = self.value[n..].first_chunk_mut::<LANES>() {
-            *to = [value; LANES];
-        }
-        if let Some(to) = self.kind[n..].first_chunk_mut::<LANES>() {
-            *to = [0; LANES];
-        }
-        self.count += m.count_ones() as usize;
-    }
-
-    fn push_one(&mut self, one: &One<'_>) {
-        let n = self.count;
-        if n + LANES > self.ray.len() {
-            self.grow();
-        }
-        for (all, &v) in self.p.iter_mut().zip(one.p) {
-            all[n] = v;
-        }
-        for i in 0..2 {
-            self.ends[i][n] = one.ends[i];
-            self.root[i][n] = one.root[i];
-        }
-        for a in 0..3 {
-            self.near[a][n] = one.near[a];
-        }
-        (self.ray[n], self.value[n], self.kind[n]) = (one.ray, one.value, one.kind);
-        self.count += 1;
-    }
-
-    /// Up to eight from `at` on.
-    #[inline(always)]
-    #[must_use]
-    pub fn group<S: Lanes>(&self, at: usize) -> Group<S, N> {
-        let n = (self.count - at).min(LANES);
-        let mut p = [S::splat(0.0); N];
-        for (to, all) in p.iter_mut().zip(&self.p) {
-            *to = get(all, at);
-        }
-        Group {
-            p,
-            ends: [get(&self.ends[0], at), get(&self.ends[1], at)],
-            root: [get(&self.root[0], at), get(&self.root[1], at)],
-            near: [get(&self.near[0], at), get(&self.near[1], at), get(&self.near[2], at)],
-            ray: bytes(&self.ray, at, n),
-            value: bytes(&self.value, at, n),
-            kind: bytes(&self.kind, at, n),
-            held: u8::MAX >> (LANES - n),
-        }
-    }
-}
-
 /// A root of a ray.
 #[derive(Debug, Clone, Copy)]
 pub struct Solved {
@@ -279,6 +92,9 @@ pub struct Packet<const N: usize> {
     solved: Vec<(Solved, u32)>,
     /// Of each ray the first and the last one.
     ends: [[u32; 2]; RAYS],
+    /// Where the first root ends a ray: the rays that have one, and these.
+    hit: RaySet,
+    first: [Solved; RAYS],
 }
 
 impl<const N: usize> Packet<N> {
@@ -300,20 +116,51 @@ impl<const N: usize> Packet<N> {
             opaque: [0; BLOCKS],
             solved: Vec::new(),
             ends: [[NONE; 2]; RAYS],
+            hit: [0; BLOCKS],
+            first: [Solved {
+                t: 0.0,
+                error: 0.0,
+                normal: [0.0; 3],
+                value: 0,
+            }; RAYS],
         })
     }
 
     /// For a tile whose rays all miss the volume.
     pub fn forget(&mut self) {
         self.rays.forget();
-        self.pending.count = 0;
-        self.solved.clear();
-        self.ends = [[NONE; 2]; RAYS];
+        self.pending.clear();
+        self.hit = [0; BLOCKS];
+        // What was linked in the tile before.
+        if !self.solved.is_empty() {
+            self.solved.clear();
+            self.ends = [[NONE; 2]; RAYS];
+        }
     }
 
-    /// Makes the rays; `None` where they cannot travel together. `count`: whether cells on each ray are to be counted.
+    /// Makes the rays; `None` where they cannot all travel together. `count`: whether cells on each ray are to be counted.
     #[inline(always)]
     pub fn start<S: Lanes, D: Space>(&mut self, place: &Place<'_, D>, wanted: Wanted, count: bool) -> Option<Frustum> {
+        self.want(wanted, count);
+        self.rays.start::<S, D>(place)
+    }
+
+    /// Makes the rays; false where none of them can travel in packets. They do so group by group ([`Packet::next_group`]), and before the next one goes the roots that
+    /// are pending have to be worked out.
+    #[inline(always)]
+    pub fn make<S: Lanes, D: Space>(&mut self, place: &Place<'_, D>, wanted: Wanted, count: bool) -> bool {
+        self.want(wanted, count);
+        self.rays.make::<S, D>(place)
+    }
+
+    /// As [`Rays::next_group`].
+    #[inline(always)]
+    pub fn next_group<S: Lanes, D: Space>(&mut self, place: &Place<'_, D>) -> Option<Frustum> {
+        self.pending.clear();
+        self.rays.next_group::<S, D>(place)
+    }
+
+    fn want(&mut self, wanted: Wanted, count: bool) {
         self.forget();
         self.wanted = wanted;
         if count {
@@ -322,7 +169,6 @@ impl<const N: usize> Packet<N> {
         if !wanted.first && !wanted.all {
             (self.counts, self.opaque) = ([0; RAYS], [0; BLOCKS]);
         }
-        self.rays.start::<S, D>(place)
     }
 
     /// Whether the first root ends a ray.
@@ -367,7 +213,7 @@ impl<const N: usize> Packet<N> {
             return;
         }
         let ended = if self.wanted.first { hit } else { self.ended(b, hit) };
-        let many = if self.pending.count > MOST { hit } else { 0 };
+        let many = if self.pending.len() > MOST { hit } else { 0 };
         self.rays.take_out(b, ended, alone | many);
     }
 
@@ -384,7 +230,22 @@ impl<const N: usize> Packet<N> {
     }
 
     /// Adds a root of a ray, in its place.
+    #[inline(always)]
     pub fn add(&mut self, ray: u8, root: Solved) {
+        if !self.wanted.first {
+            self.link(ray, root);
+            return;
+        }
+        let (ray, bit) = (usize::from(ray), 1 << (usize::from(ray) % LANES));
+        let hit = &mut self.hit[ray / LANES];
+        // Of several isovalues more than one may have a root in a cell.
+        if *hit & bit == 0 || root.t < self.first[ray].t {
+            *hit |= bit;
+            self.first[ray] = root;
+        }
+    }
+
+    fn link(&mut self, ray: u8, root: Solved) {
         let new = self.solved.len() as u32;
         let [first, last] = self.ends[usize::from(ray)];
         let later = |at: u32| self.solved[at as usize].0.t > root.t;
@@ -414,6 +275,19 @@ impl<const N: usize> Packet<N> {
     /// Writes all pixels but those of rays to be walked alone. `claims`: whether what is proved is claimed. `count`: as at the start.
     pub fn write<D: Space>(&self, place: &Place<'_, D>, surfaces: &Isovalues, out: &mut TileOut<'_>, claims: bool, count: bool) {
         let mut empty = place.rays();
+        if self.wanted.first {
+            self.write_first(place, surfaces, out, claims, count);
+            for (b, empty) in empty.iter_mut().enumerate() {
+                *empty &= !(self.rays.single[b] | self.hit[b]);
+            }
+            place.write_empty(
+                out,
+                &empty,
+                claims && out.holds(Channels::CLAIM),
+                count.then_some(&self.cells),
+            );
+            return;
+        }
         for (b, empty) in empty.iter_mut().enumerate() {
             *empty &= !self.rays.single[b];
             for l in ones(u32::from(*empty)) {
@@ -448,5 +322,50 @@ impl<const N: usize> Packet<N> {
         }
         let claims = claims && out.holds(Channels::CLAIM);
         place.write_empty(out, &empty, claims, count.then_some(&self.cells));
+    }
+
+    /// Where the first root ends a ray, what was hit: of each pixel one layer, whose surface is opaque where there is colour.
+    fn write_first<D: Space>(
+        &self,
+        place: &Place<'_, D>,
+        surfaces: &Isovalues,
+        out: &mut TileOut<'_>,
+        claims: bool,
+        count: bool,
+    ) {
+        let colour = out.holds(Channels::RGBA);
+        for b in 0..BLOCKS {
+            for l in ones((self.hit[b] & !self.rays.single[b]).into()) {
+                let ray = b * LANES + l;
+                let (world, root) = (&self.rays.rays[ray], &self.first[ray]);
+                let (x, y) = pixel(b, l);
+                let (x, y) = (place.tile.x + x, place.tile.y + y);
+                let surface = surfaces.surface(root.value.into());
+                let proved = claims && root.error < f64::INFINITY;
+                let hit = Hit {
+                    t: root.t,
+                    point: world.at(root.t),
+                    normal: root.normal,
+                    surface,
+                    t_error: if proved { root.error } else { f64::INFINITY },
+                };
+                out.set_hit(0, x, y, &hit);
+                let mut blend = Blend::default();
+                if colour {
+                    blend.add(&surfaces.all()[usize::from(surface)], root.normal, world.direction);
+                }
+                let known = Pixel {
+                    hits: 1,
+                    claim: if proved {
+                        Claim::EXISTS | Claim::FIRST
+                    } else {
+                        Claim::empty()
+                    },
+                    rgba: blend.rgba(),
+                    work: if count { self.cells[b][l] } else { 0 },
+                };
+                out.set_pixel(x, y, &known);
+            }
+        }
     }
 }

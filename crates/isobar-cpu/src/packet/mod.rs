@@ -5,27 +5,30 @@
 //! traversal and the data of a cell are shared by all rays, and what a method does in a cell runs in vectors of f64 ([`Lanes`]). A polynomial that has a root for certain is
 //! put aside ([`Pending`]); at the end of the tile roots are worked out eight at a time, whatever rays they belong to ([`cubic_roots`]), and written front to back ([`Packet::write`]).
 //!
-//! **Order.** All directions of a tile have the same signs, and slices, bricks and cells are visited away from the eye along each axis, so of two cells on one ray the
+//! **Order.** All directions of a packet have the same signs (a tile in which they differ is some packets, one after the other: [`Rays::next_group`]), and slices, bricks and cells are visited away from the eye along each axis, so of two cells on one ray the
 //! nearer comes first, whichever axis is the outer loop. Roots of one cell are sorted.
 //!
 //! **Completeness.** A ray is inside a cell between the greatest of its three entry parameters and the least of its three exit parameters; the parameter of a plane is one
 //! expression, monotone in its index, so these intervals cover the ray without gaps. In each of them a method either knows the number of roots for certain, ends not being among
 //! them, or leaves the ray to be walked alone: so every root is found once, and none of two cells.
 //!
-//! **What is left to single rays** ([`Rays::single`]): rays a method is in doubt about, rays parallel to an axis plane, tiles in which directions differ in sign, lists of rays.
+//! **What is left to single rays** ([`Rays::single`]): rays a method is in doubt about, rays parallel to an axis plane, lists of rays.
 
 mod crossing;
 mod cubic;
+mod fan;
 mod hits;
 mod lanes;
+mod pending;
 mod rays;
 mod view;
 
 use crate::{TILE, Tile};
 pub use crossing::{Cells, Crossed, Crossing};
 pub use cubic::{cubic_roots, only_roots};
-pub use hits::{Group, One, Packet, Pending, Solved, Wanted};
+pub use hits::{Packet, Solved, Wanted};
 pub use lanes::{LANES, Lanes, Plain, SPREAD, WithLanes, run};
+pub use pending::{Group, One, Pending};
 pub use rays::{Frustum, Place, Rays, Space};
 pub use view::{CellSize, Projection, Seen};
 

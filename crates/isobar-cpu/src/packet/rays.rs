@@ -1,5 +1,6 @@
 //! The rays of a tile, how far they are, and the part of index space they can be in.
 
+use super::fan::Fan;
 use super::lanes::{LANES, Lanes};
 use super::view::Projection;
 use super::{BLOCKS, PerRay, RAYS, RaySet, ones, pixel, three};
@@ -32,6 +33,19 @@ pub trait Space {
     fn world(&self) -> (DVec3, DVec3);
     /// A world displacement in index space.
     fn vector(&self, v: DVec3) -> DVec3;
+    /// As [`Space::vector`], eight at a time.
+    #[inline(always)]
+    fn vectors<S: Lanes>(&self, v: [S; 3]) -> [S; 3] {
+        let mut lanes = [[0.0; LANES]; 3];
+        for (to, v) in lanes.iter_mut().zip(v) {
+            v.store(to);
+        }
+        let [x, y, z] = &mut lanes;
+        for (x, (y, z)) in x.iter_mut().zip(y.iter_mut().zip(z)) {
+            [*x, *y, *z] = self.vector(DVec3::new(*x, *y, *z)).to_array();
+        }
+        three(|a| S::load(&lanes[a]))
+    }
     /// The margin of a ray from `origin`, as far as it can be inside the domain.
     fn margin(&self, origin: DVec3) -> f64;
 }
@@ -121,6 +135,12 @@ pub struct Rays {
     pub down: [bool; 3],
     /// The margin of every ray, with what the ends of the domain add.
     pub margin: f64,
+    /// The same without that.
+    least: f64,
+    /// Rays whose directions agree in sign, with what is to be [`Rays::down`]; `count` of them, the next one to travel is `at`.
+    groups: [(RaySet, [bool; 3]); 8],
+    count: usize,
+    at: usize,
 }
 
 /// The part of index space that the rays of a tile can be in: per plane across the major axis an interval of each other axis.
@@ -171,12 +191,17 @@ impl Rays {
             single: none,
             down: [false; 3],
             margin: 0.0,
+            least: 0.0,
+            groups: [(none, [false; 3]); 8],
+            count: 0,
+            at: 0,
         }
     }
 
     /// For a tile whose rays all miss the volume.
     pub fn forget(&mut self) {
         (self.blocks, self.single) = (0, [0; BLOCKS]);
+        (self.count, self.at) = (0, 0);
     }
 
     /// Takes rays of block `b` out: those that have ended, and those to be walked alone.
@@ -198,10 +223,23 @@ impl Rays {
         }
     }
 
-    /// Makes the rays; `None` where they cannot travel together.
+    /// Makes the rays; `None` where not all of them can travel together.
     #[inline(always)]
     pub fn start<S: Lanes, D: Space>(&mut self, place: &Place<'_, D>) -> Option<Frustum> {
+        if !self.make::<S, D>(place) || self.count != 1 || self.single != [0; BLOCKS] {
+            return None;
+        }
+        self.next_group::<S, D>(place)
+    }
+
+    /// Makes the rays and parts them by the signs of their directions; false where none can travel in a packet.
+    #[inline(always)]
+    pub fn make<S: Lanes, D: Space>(&mut self, place: &Place<'_, D>) -> bool {
         let (space, t) = (place.space, place.tile);
+        self.forget();
+        let Some(fan) = Fan::new(place.view, t) else {
+            return false;
+        };
         let rays = place.view.generator();
         // The greatest margin of a rectangle of origins is that of a corner.
         let corner = |x: usize, y: usize| space.margin(rays.ray(t.x + x * (t.width - 1), t.y + y * (t.height - 1)).origin);
@@ -209,56 +247,115 @@ impl Rays {
         // Rays that need more than this at the ends of the domain go alone.
         let most = AT_ENDS * margin;
         if margin + most > place.most || margin.is_nan() {
-            return None;
+            return false;
         }
-        self.margin = margin;
-        self.alive = place.rays();
-        (self.blocks, self.single) = (0, [0; BLOCKS]);
+        self.least = margin;
         let clips = &place.view.clips;
+        let eye = (space.vector(fan.eye - space.domain().origin) + place.shift).to_array();
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let none = [0; BLOCKS];
+        let (mut up, mut down) = ([none; 3], [none; 3]);
         for b in 0..BLOCKS {
-            for l in 0..LANES {
-                let (x, y) = pixel(b, l);
-                let ray = rays.ray(t.x + x.min(t.width - 1), t.y + y.min(t.height - 1));
-                self.rays[b * LANES + l] = ray;
-                if !clips.is_empty() {
-                    let reach = reach(&ray, space.world());
-                    for (side, to) in [Side::Rounded, Side::Outer, Side::Inner].into_iter().zip(&mut self.cuts) {
-                        let (first, last) = kept(&ray, clips, reach, side);
-                        (to[0][b][l], to[1][b][l]) = (first, last);
-                    }
-                }
-                let o = (space.vector(ray.origin - space.domain().origin) + place.shift).to_array();
-                let d = space.vector(ray.direction).to_array();
-                for a in 0..3 {
-                    self.inv[a][b][l] = d[a];
-                    self.shift[a][b][l] = -o[a];
-                }
+            let [origin, direction] = fan.rays::<S>(b);
+            self.keep(b, origin, direction);
+            if !clips.is_empty() {
+                self.cut(place, b);
+            }
+            let o = if fan.parallel {
+                let from = space.domain().origin.to_array();
+                let o = space.vectors::<S>(three(|a| origin[a].sub(S::splat(from[a]))));
+                three(|a| o[a].add(S::splat(place.shift)))
+            } else {
+                three(|a| S::splat(eye[a]))
+            };
+            let d = space.vectors::<S>(direction);
+            for a in 0..3 {
+                let inv = one.div(d[a]);
+                inv.store(&mut self.inv[a][b]);
+                zero.sub(o[a]).mul(inv).store(&mut self.shift[a][b]);
+                d[a].abs().store(&mut self.speed[a][b]);
+                up[a][b] = d[a].above(S::splat(PARALLEL));
+                down[a][b] = S::splat(-PARALLEL).above(d[a]);
             }
         }
+        self.part(place.rays(), &up, &down);
+        true
+    }
+
+    /// Keeps the rays of block `b` in the world.
+    #[inline(always)]
+    fn keep<S: Lanes>(&mut self, b: usize, origin: [S; 3], direction: [S; 3]) {
+        let (mut o, mut d) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
         for a in 0..3 {
-            let (mut up, mut down) = (u8::MAX, u8::MAX);
-            for d in &self.inv[a] {
-                let d = S::load(d);
-                up &= d.above(S::splat(PARALLEL));
-                down &= S::splat(-PARALLEL).above(d);
-            }
-            if up != u8::MAX && down != u8::MAX {
-                return None;
-            }
-            self.down[a] = down == u8::MAX;
+            origin[a].store(&mut o[a]);
+            direction[a].store(&mut d[a]);
         }
-        let hi = three(|a| space.domain().hi[a] + place.shift);
-        let near = three(|a| if self.down[a] { hi[a] } else { place.shift });
-        let far = three(|a| if self.down[a] { place.shift } else { hi[a] });
-        self.enter::<S, D>(near, far, most, !clips.is_empty());
-        let major = self.major::<S>()?;
-        Some(self.frustum::<S>(major, near, far))
+        for (l, ray) in self.rays[b * LANES..(b + 1) * LANES].iter_mut().enumerate() {
+            ray.origin = DVec3::new(o[0][l], o[1][l], o[2][l]);
+            ray.direction = DVec3::new(d[0][l], d[1][l], d[2][l]);
+        }
+    }
+
+    /// What clipping planes keep of the rays of block `b`.
+    fn cut<D: Space>(&mut self, place: &Place<'_, D>, b: usize) {
+        for l in 0..LANES {
+            let ray = self.rays[b * LANES + l];
+            let reach = reach(&ray, place.space.world());
+            for (side, to) in [Side::Rounded, Side::Outer, Side::Inner].into_iter().zip(&mut self.cuts) {
+                let (first, last) = kept(&ray, &place.view.clips, reach, side);
+                (to[0][b][l], to[1][b][l]) = (first, last);
+            }
+        }
+    }
+
+    /// Parts the rays by the signs of their directions; those parallel to an axis plane go alone. Lanes beyond the image repeat rays of it.
+    fn part(&mut self, all: RaySet, up: &[RaySet; 3], down: &[RaySet; 3]) {
+        let whole = |set: &RaySet| set.iter().all(|&m| m == u8::MAX);
+        if (0..3).all(|a| whole(&up[a]) || whole(&down[a])) {
+            self.groups[0] = (all, three(|a| whole(&down[a])));
+            self.count = 1;
+            return;
+        }
+        self.single = all;
+        for octant in 0..8 {
+            let down_now = three(|a| octant >> a & 1 != 0);
+            let side = |a: usize, b: usize| if down_now[a] { down[a][b] } else { up[a][b] };
+            let set: RaySet = std::array::from_fn(|b| all[b] & side(0, b) & side(1, b) & side(2, b));
+            if set != [0; BLOCKS] {
+                self.groups[self.count] = (set, down_now);
+                self.count += 1;
+                for (single, set) in self.single.iter_mut().zip(set) {
+                    *single &= !set;
+                }
+            }
+        }
+    }
+
+    /// Sends the next rays that agree in the signs of their directions on their way; `None` where all have been.
+    #[inline(always)]
+    pub fn next_group<S: Lanes, D: Space>(&mut self, place: &Place<'_, D>) -> Option<Frustum> {
+        let hi = three(|a| place.space.domain().hi[a] + place.shift);
+        while self.at < self.count {
+            let (set, down) = self.groups[self.at];
+            self.at += 1;
+            (self.alive, self.down, self.blocks, self.margin) = (set, down, 0, self.least);
+            let near = three(|a| if down[a] { hi[a] } else { place.shift });
+            let far = three(|a| if down[a] { place.shift } else { hi[a] });
+            self.enter::<S, D>(near, far, AT_ENDS * self.least, !place.view.clips.is_empty());
+            if let Some(major) = self.major::<S>() {
+                return Some(self.frustum::<S>(major, near, far));
+            }
+            for b in 0..BLOCKS {
+                self.take_out(b, 0, self.alive[b]);
+            }
+        }
+        None
     }
 
     /// Where the rays enter and leave the domain, and what that adds to the margin; at most `most`.
     #[inline(always)]
     fn enter<S: Lanes, D: Space>(&mut self, near: [f64; 3], far: [f64; 3], most: f64, clipped: bool) {
-        let (one, zero) = (S::splat(1.0), S::splat(0.0));
+        let zero = S::splat(0.0);
         let mut more = zero;
         for b in 0..BLOCKS {
             let (mut first, mut last) = (zero, S::splat(f64::INFINITY));
@@ -270,13 +367,8 @@ impl Rays {
                 (shrunk_first, shrunk_last) = (S::load(&self.cuts[2][0][b]), S::load(&self.cuts[2][1][b]));
             }
             for a in 0..3 {
-                let d = S::load(&self.inv[a][b]);
-                let inv = one.div(d);
-                let shift = S::load(&self.shift[a][b]).mul(inv);
-                inv.store(&mut self.inv[a][b]);
-                shift.store(&mut self.shift[a][b]);
-                d.abs().store(&mut self.speed[a][b]);
-                fastest = fastest.max(d.abs());
+                let (inv, shift) = (S::load(&self.inv[a][b]), S::load(&self.shift[a][b]));
+                fastest = fastest.max(S::load(&self.speed[a][b]));
                 let grow = self.margin / D::PART * if self.down[a] { 1.0 } else { -1.0 };
                 let plane = |x: f64| S::splat(x).mul(inv).add(shift);
                 first = first.max(plane(near[a]));
@@ -298,7 +390,7 @@ impl Rays {
             let doubtful = shrunk_first.above(shrunk_last) | ends.above(S::splat(most));
             let all = self.alive[b];
             self.alive[b] = all & !outside & !doubtful;
-            self.single[b] = all & ((outside & !surely) | (!outside & doubtful));
+            self.single[b] |= all & ((outside & !surely) | (!outside & doubtful));
             self.blocks |= u32::from(self.alive[b] != 0) << b;
             more = ends.max(zero).where_or(self.alive[b], zero).max(more);
         }
@@ -326,38 +418,44 @@ impl Rays {
     fn frustum<S: Lanes>(&self, major: usize, near: [f64; 3], far: [f64; 3]) -> Frustum {
         // Rays that begin inside the volume begin at the nearest of their origins.
         let down = self.down[major];
-        let mut start = near[major];
-        if self.blocks != 0 {
-            let begins = ones(self.blocks)
-                .flat_map(|b| ones(self.alive[b].into()).map(move |l| (b, l)))
-                .map(|(b, l)| -self.shift[major][b][l] / self.inv[major][b][l]);
-            start = if down {
-                begins.fold(f64::NEG_INFINITY, f64::max).min(start)
+        let (zero, infinite) = (S::splat(0.0), S::splat(f64::INFINITY));
+        let none = zero.sub(infinite);
+        let mut begins = if down { none } else { infinite };
+        for b in ones(self.blocks) {
+            let o = zero.sub(S::load(&self.shift[major][b])).div(S::load(&self.inv[major][b]));
+            begins = if down {
+                o.where_or(self.alive[b], none).max(begins)
             } else {
-                begins.fold(f64::INFINITY, f64::min).max(start)
+                o.where_or(self.alive[b], infinite).min(begins)
             };
         }
+        let start = match (self.blocks, down) {
+            (0, _) => near[major],
+            (_, true) => greatest(begins).min(near[major]),
+            (_, false) => least(begins).max(near[major]),
+        };
         let ends = [start, far[major]];
-        let infinite = [f64::INFINITY, f64::NEG_INFINITY];
-        let mut sides = [[infinite; 2]; 2];
+        // Per axis and end, the least and the greatest of each lane.
+        let mut bounds = [[[infinite, none]; 2]; 2];
         for b in ones(self.blocks) {
             let alive = self.alive[b];
             for (e, &k) in ends.iter().enumerate() {
                 let t = S::splat(k)
                     .mul(S::load(&self.inv[major][b]))
                     .add(S::load(&self.shift[major][b]));
-                for (i, side) in sides.iter_mut().enumerate() {
+                for (i, side) in bounds.iter_mut().enumerate() {
                     let a = (major + 1 + i) % 3;
                     let sign = if self.down[a] { -1.0 } else { 1.0 };
                     let u = t
                         .sub(S::load(&self.shift[a][b]))
                         .mul(S::load(&self.speed[a][b]).mul(S::splat(sign)));
-                    let side = &mut side[e];
-                    side[0] = side[0].min(least(u.where_or(alive, S::splat(f64::INFINITY))));
-                    side[1] = side[1].max(greatest(u.where_or(alive, S::splat(f64::NEG_INFINITY))));
+                    let [lo, hi] = side[e];
+                    side[e] = [u.where_or(alive, infinite).min(lo), u.where_or(alive, none).max(hi)];
                 }
             }
         }
+        let of = |i: usize, e: usize| [least(bounds[i][e][0]), greatest(bounds[i][e][1])];
+        let sides = [[of(0, 0), of(0, 1)], [of(1, 0), of(1, 1)]];
         Frustum { major, ends, sides }
     }
 }

@@ -15,13 +15,15 @@ use super::lattice::{Entry, Lattice, Path, Space, three};
 use super::roots::{Candidate, Segment, Track};
 use super::vector::{Isa, Register};
 use crate::bricks::bit;
+use crate::exact::{Exact, Volume};
 use crate::trilinear::MARGIN;
 use crate::walk::Bounds;
 use glam::DVec3;
-use isobar_core::{Claim, Hit, View};
+use isobar_core::{Camera, Claim, Hit, View};
 use isobar_cpu::packet::{RaySet, holds};
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
+use std::marker::PhantomData;
 
 /// Work done along rays.
 #[derive(Debug, Default, Clone, Copy)]
@@ -34,6 +36,10 @@ pub(crate) struct Work {
     pub(crate) filtered: u64,
     /// Compositions in f64.
     pub(crate) composed: u64,
+    /// As in [`crate::walk::Work`].
+    pub(crate) alone: u64,
+    /// As in [`crate::walk::Work`].
+    pub(crate) exact: [u64; 2],
 }
 
 /// Everything that stays the same over a frame.
@@ -58,7 +64,7 @@ pub(crate) struct DrawTile<'a, 'b, S, I> {
     pub(crate) out: &'a mut TileOut<'b>,
     /// Only these.
     pub(crate) rays: Option<RaySet>,
-    pub(crate) kind: std::marker::PhantomData<(S, I)>,
+    pub(crate) kind: PhantomData<(S, I)>,
 }
 
 /// A cell's coefficients in f32, kept for the next rays of the tile.
@@ -114,6 +120,14 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             surface: 0,
         };
         let mut kept = [none; KEPT];
+        let exact = Exact {
+            space: search.space.of_degree_1(),
+            clips: &view.clips,
+            bounds: search.bounds,
+            surfaces,
+        };
+        let allowed = exact.allowed(search.claims, matches!(view.camera, Camera::Rays(_)), out);
+        let volume = Exactly::<S>(search, PhantomData);
         let mut eye = rays.ray(tile.x, tile.y).origin;
         let mut margin = search.space.margin(eye);
         for (x, y) in tile.pixels() {
@@ -122,6 +136,7 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             }
             let ray = rays.ray(x, y);
             let before = work.cells;
+            work.alone += 1;
             if ray.origin != eye {
                 eye = ray.origin;
                 margin = search.space.margin(eye);
@@ -172,9 +187,40 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             if sink.hits() == 0 && certain && sure && search.claims {
                 claim = Claim::EMPTY;
             }
-            sink.finish(claim, (work.cells - before) as u32);
+            let (hits, cells) = (sink.hits(), (work.cells - before) as u32);
+            sink.finish(claim, cells);
+            if margin <= MARGIN && !Exact::is_decided(claim) && (work.exact[0] as usize) < allowed {
+                work.exact[0] += 1;
+                let anew = exact.draw(&volume, out, [x, y], &ray, hits, cells);
+                work.exact[1] += u64::from(!anew.is_some_and(Exact::is_decided));
+            }
         }
         work
+    }
+}
+
+/// The spline as the exact stage has it.
+struct Exactly<'a, S>(&'a Search<'a>, PhantomData<S>);
+
+impl<S: Spline> Volume for Exactly<'_, S> {
+    fn degree(&self) -> usize {
+        S::DEGREE
+    }
+
+    fn cells(&self) -> [i32; 3] {
+        self.0.space.cells
+    }
+
+    fn shift(&self) -> f64 {
+        if S::CENTRED { 0.5 } else { 0.0 }
+    }
+
+    fn stencil(&self, cell: [i32; 3]) -> [f64; 64] {
+        self.0.lattice.doubles::<S>(cell, 0.0)
+    }
+
+    fn gradient(&self, cell: [i32; 3], at: [f64; 3], isovalue: f64) -> DVec3 {
+        DVec3::from_array(gradient::<S>(&self.0.lattice.doubles::<S>(cell, isovalue), at))
     }
 }
 

@@ -246,6 +246,7 @@ fn draw<S: Spline>(search: &Search<'_>, mut job: Job<'_, '_>) -> Work {
         cells: work.cells + alone.cells,
         filtered: work.filtered + alone.filtered,
         composed: work.composed + alone.composed,
+        ..alone
     }
 }
 

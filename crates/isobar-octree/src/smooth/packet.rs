@@ -17,7 +17,7 @@ use super::caster::{Search, Work};
 use super::lattice::three;
 use super::vector;
 use crate::bricks::bit;
-use crate::packet::{self, COEFFICIENTS, Done, Drawn, Looked, Packet, Value, applies, values};
+use crate::packet::{self, COEFFICIENTS, Done, Drawn, Looked, Packet, Value, applies, reference, values};
 use crate::walk::Space;
 use glam::DVec3;
 use isobar_cpu::Level;
@@ -94,7 +94,7 @@ impl<S: Spline> Drawn for Tile<'_, S> {
     fn cells<'c>(&'c self, p: &'c mut Packet, count: bool) -> SmoothCells<'c, S> {
         SmoothCells {
             search: self.search,
-            isovalue: self.search.bounds[0].isovalue,
+            isovalue: reference(self.search.bounds).isovalue,
             values: self.values(p),
             count,
             looked: 0,
