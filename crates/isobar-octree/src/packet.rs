@@ -142,9 +142,13 @@ impl<W: Drawn> WithLanes for Draw<'_, '_, W> {
         let place = what.place();
         let count = out.holds(Channels::WORK);
         let wanted = Wanted::new(out, what.surfaces());
-        let Some(frustum) = packet.start::<S, _>(place, wanted, count) else {
+        let Some(mut frustum) = packet.start::<S, _>(place, wanted, count) else {
             return Done::leaving(place.rays());
         };
+        if out.keeps_nearest() {
+            let (tile, out) = (place.tile, &*out);
+            frustum = packet.rays.end_at::<S>(frustum, |x, y| out.t(tile.x + x, tile.y + y));
+        }
         let mut done = Done::leaving([0; packet::BLOCKS]);
         if packet.rays.blocks != 0 {
             let crossing = Crossing::new(&packet.rays, place, view);
