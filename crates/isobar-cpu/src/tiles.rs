@@ -447,28 +447,35 @@ mod tests {
         let view = View::bench(40, 20);
         let mut f = Frame::default();
         let t = |part: usize, x: usize, y: usize| ((x * 7 + y * 3 + part * 5) % 11) as f64;
-        render_tiles(&Pool::new(2).unwrap(), &view, &request(1), &Stop::default(), &mut f, |tile, out| {
-            for part in 0..3 {
-                for (x, y) in tile.pixels() {
-                    // Part 1 hits in every other pixel.
-                    if part != 1 || x % 2 == 0 {
-                        let h = Hit {
-                            t: t(part, x, y),
-                            surface: part as u8,
-                            ..Hit::NONE
+        render_tiles(
+            &Pool::new(2).unwrap(),
+            &view,
+            &request(1),
+            &Stop::default(),
+            &mut f,
+            |tile, out| {
+                for part in 0..3 {
+                    for (x, y) in tile.pixels() {
+                        // Part 1 hits in every other pixel.
+                        if part != 1 || x % 2 == 0 {
+                            let h = Hit {
+                                t: t(part, x, y),
+                                surface: part as u8,
+                                ..Hit::NONE
+                            };
+                            out.set_hit(0, x, y, &h);
+                        }
+                        let p = Pixel {
+                            rgba: [part as f32; 4],
+                            ..Pixel::default()
                         };
-                        out.set_hit(0, x, y, &h);
+                        out.set_pixel(x, y, &p);
                     }
-                    let p = Pixel {
-                        rgba: [part as f32; 4],
-                        ..Pixel::default()
-                    };
-                    out.set_pixel(x, y, &p);
+                    out.keep_nearest();
                 }
-                out.keep_nearest();
-            }
-            assert!(out.keeps_nearest());
-        })
+                assert!(out.keeps_nearest());
+            },
+        )
         .unwrap();
         for (i, &got) in f.t.iter().enumerate() {
             let (x, y) = (i % 40, i / 40);
@@ -478,7 +485,10 @@ mod tests {
                     want = (t(part, x, y), part);
                 }
             }
-            assert_eq!((got, usize::from(f.surface[i]), f.rgba[i][0]), (want.0, want.1, want.1 as f32));
+            assert_eq!(
+                (got, usize::from(f.surface[i]), f.rgba[i][0]),
+                (want.0, want.1, want.1 as f32)
+            );
         }
     }
 

@@ -32,7 +32,10 @@ fn main() -> Result<()> {
         "default" => View::fit(grid.domain().world_bounds(), 40.0, width, height),
         other => return Err(format!("{other} is no view; give bench or default").into()),
     };
-    let pixels = get(4, "2,4,8,16").split(',').map(str::parse).collect::<std::result::Result<Vec<f64>, _>>()?;
+    let pixels = get(4, "2,4,8,16")
+        .split(',')
+        .map(str::parse)
+        .collect::<std::result::Result<Vec<f64>, _>>()?;
     let setting = Setting {
         grid: &grid,
         bank: Bank::Psi42,

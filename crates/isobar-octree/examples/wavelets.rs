@@ -210,11 +210,16 @@ fn transition(setting: &Setting<'_>, eye: DVec3, row: &Row, picture: &Picture, f
     levels.select(&Selection::new(&pyramid, &criteria))?;
     let (width, height) = (setting.view.width, setting.view.height);
     let bounds = setting.grid.domain().world_bounds();
-    let mut views = vec![("a", View::fit_from(bounds, DVec3::new(-1.9, 2.6, 2.2), DVec3::Z, 40.0, width, height))];
+    let mut views = vec![(
+        "a",
+        View::fit_from(bounds, DVec3::new(-1.9, 2.6, 2.2), DVec3::Z, 40.0, width, height),
+    )];
     // The outline of a level next to the middle of the picture.
     let outline = level_picture(setting, row, picture);
     let off = |i: usize| (i % width).abs_diff(width / 2).pow(2) + (i / width).abs_diff(height / 2).pow(2);
-    let border = (0..outline.len()).filter(|&i| outline[i] == [0.0, 0.0, 0.0, 1.0]).min_by_key(|&i| off(i));
+    let border = (0..outline.len())
+        .filter(|&i| outline[i] == [0.0, 0.0, 0.0, 1.0])
+        .min_by_key(|&i| off(i));
     if let Some(i) = border {
         let ray = setting.view.ray(i % width, i / width);
         let point = ray.at(picture.frame.t[i]);

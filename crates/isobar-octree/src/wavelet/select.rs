@@ -24,7 +24,9 @@ impl Criteria {
     /// for cameras without an eye.
     #[must_use]
     pub fn pixels(view: &View, pixels: f64) -> Option<Self> {
-        let Camera::Perspective { eye, .. } = view.camera else { return None };
+        let Camera::Perspective { eye, .. } = view.camera else {
+            return None;
+        };
         Some(Self {
             view: Some((eye, 4.0 * 3f64.sqrt() * pixels * view.footprint(1.0))),
             ..Self::default()
@@ -146,7 +148,9 @@ impl Selection {
                 let bricks = pyramid.level_dims(l).map(|n| n.div_ceil(CHUNK / 2));
                 // All of the coarsest level, else those of the chunks that are covered; but for what is finer.
                 let Some(here) = covered.get(l) else {
-                    return covered.last().map_or(ChunkSet::new(bricks, true), |finer| finer.zip(finer, |f, _| !f));
+                    return covered
+                        .last()
+                        .map_or(ChunkSet::new(bricks, true), |finer| finer.zip(finer, |f, _| !f));
                 };
                 let mut set = ChunkSet::new(bricks, false);
                 for chunk in here.iter() {
@@ -161,6 +165,22 @@ impl Selection {
                 set
             })
             .collect()
+    }
+
+    /// As [`Selection::bricks`], and beside them a layer of bricks where coarser ones are: there no detail of the level acts, so both are one function but for rounding, and what
+    /// that hides from one level next to its border is found by the other.
+    pub(super) fn overlapping<T: Number>(&self, pyramid: &Pyramid<T>) -> Vec<ChunkSet> {
+        let covered = self.covered();
+        let mut bricks = self.bricks(pyramid);
+        for (own, covered) in bricks.iter_mut().zip(&covered) {
+            let mut wider = own.dilated([1; 3]);
+            for brick in wider.clone().iter() {
+                let here = covered.contains(brick.map(|b| b / 2));
+                wider.set(brick, own.contains(brick) || !here);
+            }
+            *own = wider;
+        }
+        bricks
     }
 
     /// The chunks that are drawn at a level or finer: the active ones and their neighbours, into which the active ones' wavelets reach

@@ -6,8 +6,8 @@
 //! whose bricks may be nearest first, and the nearest hit of a pixel counts. A tile is given to a level only where a brick with a surface is seen in it, and not
 //! where all its rays have hit something nearer than all of these; a ray ends where it has hit a level before.
 //!
-//! **Borders.** Levels agree along shared faces, as one spline (`adaptive.rs`), up to the rounding of f32 coefficients: two roots or none within some 1e-7 voxel of such a
-//! face are one in exact arithmetic. Beyond the faces of the domain the finest level goes on by the contract's clamped indices, the others by the mirror of
+//! **Borders.** Levels agree along shared faces, as one spline (`adaptive.rs`), up to the rounding of f32 coefficients, which moves roots by some 1e-7 voxel. So that none is lost between
+//! the two sides of a face, the finer level draws a layer of its bricks on the coarser side too, where both are one function. Beyond the faces of the domain the finest level goes on by the contract's clamped indices, the others by the mirror of
 //! the transform, whose function they are. In degrees 1 and 2 that is the same; in degree 3 levels differ in the last voxel, by at most a sixth of the difference of its two last
 //! coefficients, and join there with a jump. On an axis whose size coarse lattices do not end with ([`super`]) so do the last pieces of two coarse levels.
 //!
@@ -125,7 +125,7 @@ impl Multiresolution {
         let mut before = std::mem::take(&mut self.parts);
         let (update, parts) = pool.install(|| {
             let update = adaptive.update(selection, Extent::Drawn);
-            let bricks = selection.bricks(adaptive.pyramid());
+            let bricks = selection.overlapping(adaptive.pyramid());
             let parts: Result<Vec<Part>, DataError> = bricks
                 .into_iter()
                 .enumerate()
@@ -160,7 +160,9 @@ impl Multiresolution {
         view.validate()?;
         check_open_cuts(&INFO, view)?;
         let start = Instant::now();
-        let scenes: Vec<Scene<'_>> = (self.parts.iter()).filter_map(|part| Scene::new(part, view, surfaces)).collect();
+        let scenes: Vec<Scene<'_>> = (self.parts.iter())
+            .filter_map(|part| Scene::new(part, view, surfaces))
+            .collect();
         let (tiles, cells) = (AtomicUsize::new(0), AtomicU64::new(0));
         render_tiles(&self.pool, view, &self.request, stop, &mut self.frame, |tile, out| {
             let (mut given, mut looked) = (0, 0);
@@ -215,7 +217,7 @@ impl Multiresolution {
         self.parts.iter().map(Part::bytes).sum()
     }
 
-    /// By level that is drawn: the level, its bricks, and those of them that a surface may meet.
+    /// By level that is drawn: the level, its bricks with those that overlap coarser levels, and those of them that a surface may meet.
     pub fn levels(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
         let met = |p: &Part| p.prepared.as_ref().map_or(0, |p| p.bricks);
         self.parts.iter().map(move |p| (p.level, p.bricks.count(), met(p)))
@@ -235,7 +237,10 @@ struct Scene<'a> {
 impl<'a> Scene<'a> {
     /// `None` where no surface can be in the level.
     fn new(part: &'a Part, view: &View, surfaces: &Isovalues) -> Option<Self> {
-        let prepared = part.prepared.as_ref().filter(|p| p.bricks > 0 && !surfaces.values().is_empty())?;
+        let prepared = part
+            .prepared
+            .as_ref()
+            .filter(|p| p.bricks > 0 && !surfaces.values().is_empty())?;
         let mut view = view.clone();
         view.clips.extend_from_slice(&part.ends);
         Some(Self {

@@ -22,7 +22,7 @@ const BRICK: usize = CHUNK / 2;
 #[derive(Debug)]
 pub(super) struct Part {
     pub(super) level: usize,
-    /// All bricks of the level that are drawn, in those of the whole level.
+    /// All bricks of the level that are drawn, with the overlap, in those of the whole level.
     pub(super) bricks: ChunkSet,
     /// The brick of the whole level that is the first of the lattice; -1 where the lattice begins before the domain.
     first: [isize; 3],

