@@ -80,6 +80,20 @@ impl<'a, T: Copy> Plane<'a, T> {
         }
     }
 
+    /// Entry `at`; `None` where the channel is not held.
+    ///
+    /// # Safety
+    /// No other thread may write that entry meanwhile.
+    #[inline]
+    #[expect(unsafe_code, reason = "tiles of one frame are written by several threads")]
+    unsafe fn get(self, at: usize) -> Option<T> {
+        (self.len > 0).then(|| {
+            assert!(at < self.len, "inside the image");
+            // SAFETY: in range by the check above; not written meanwhile by this function's contract; the frame's memory is initialised.
+            unsafe { self.first.add(at).read() }
+        })
+    }
+
     /// Writes `n` entries from `at` on; nothing where the channel is not held.
     ///
     /// # Safety
@@ -137,6 +151,8 @@ impl<'a> Planes<'a> {
 pub struct TileOut<'a> {
     planes: Planes<'a>,
     tile: Tile,
+    /// Whether only hits nearer than what is there count, and the last pixel that had one.
+    nearest: (bool, Option<usize>),
 }
 
 impl TileOut<'_> {
@@ -161,6 +177,32 @@ impl TileOut<'_> {
         self.planes.channels.intersects(channels)
     }
 
+    /// From now on a pixel is written only where its first hit is nearer than the one it has: for a volume drawn in parts, each over all of the tile. With one
+    /// layer, and t held; hits and their pixels one after the other, as [`crate::PixelSink`] writes them.
+    pub const fn keep_nearest(&mut self) {
+        self.nearest = (true, None);
+    }
+
+    /// Whether [`TileOut::keep_nearest`] is in force.
+    #[inline]
+    #[must_use]
+    pub const fn keeps_nearest(&self) -> bool {
+        self.nearest.0
+    }
+
+    /// t of the first hit of pixel (x, y) of the image; infinite where there is none so far, or t is not held.
+    ///
+    /// # Panics
+    /// When the pixel lies outside the tile.
+    #[inline]
+    #[must_use]
+    #[expect(unsafe_code, reason = "the tile's own pixels are read in place")]
+    pub fn t(&self, x: usize, y: usize) -> f64 {
+        let at = self.at(x, y);
+        // SAFETY: `at` belongs to a pixel of this tile, which nobody else writes.
+        unsafe { self.planes.t.get(at) }.unwrap_or(f64::INFINITY)
+    }
+
     #[inline]
     fn at(&self, x: usize, y: usize) -> usize {
         assert!(self.tile.contains(x, y), "pixel ({x}, {y}) lies outside {:?}", self.tile);
@@ -177,6 +219,13 @@ impl TileOut<'_> {
         let p = self.planes;
         assert!(layer < p.layers, "layer {layer} of {}", p.layers);
         let at = layer * p.pixels + self.at(x, y);
+        if self.nearest.0 {
+            let nearer = layer == 0 && h.t < self.t(x, y);
+            self.nearest.1 = nearer.then_some(at);
+            if !nearer {
+                return;
+            }
+        }
         // SAFETY: `at` belongs to a pixel of this tile, tiles are disjoint, and each is handed out once.
         unsafe {
             p.t.set(at, h.t);
@@ -196,6 +245,9 @@ impl TileOut<'_> {
     pub fn set_pixel(&mut self, x: usize, y: usize, pixel: &Pixel) {
         let at = self.at(x, y);
         let p = self.planes;
+        if self.nearest.0 && self.nearest.1 != Some(at) {
+            return;
+        }
         // SAFETY: as in `set_hit`.
         unsafe {
             p.hits.set(at, pixel.hits);
@@ -294,7 +346,11 @@ where
                 width: tw.min(width - x),
                 height: th.min(height - y),
             };
-            let mut out = TileOut { planes, tile };
+            let mut out = TileOut {
+                planes,
+                tile,
+                nearest: (false, None),
+            };
             out.clear();
             draw(tile, &mut out);
             stop.step();
@@ -382,6 +438,57 @@ mod tests {
                 let want = if (x + y) % 3 == 0 { (0, 0) } else { (3, y as u32) };
                 assert_eq!((f.hits[i], f.work[i]), want);
             }
+        }
+    }
+
+    /// Two parts, one after the other: of each pixel the nearer hit with its colour, and nothing that is farther.
+    #[test]
+    fn parts_of_a_volume_keep_the_nearest() {
+        let view = View::bench(40, 20);
+        let mut f = Frame::default();
+        let t = |part: usize, x: usize, y: usize| ((x * 7 + y * 3 + part * 5) % 11) as f64;
+        render_tiles(
+            &Pool::new(2).unwrap(),
+            &view,
+            &request(1),
+            &Stop::default(),
+            &mut f,
+            |tile, out| {
+                for part in 0..3 {
+                    for (x, y) in tile.pixels() {
+                        // Part 1 hits in every other pixel.
+                        if part != 1 || x % 2 == 0 {
+                            let h = Hit {
+                                t: t(part, x, y),
+                                surface: part as u8,
+                                ..Hit::NONE
+                            };
+                            out.set_hit(0, x, y, &h);
+                        }
+                        let p = Pixel {
+                            rgba: [part as f32; 4],
+                            ..Pixel::default()
+                        };
+                        out.set_pixel(x, y, &p);
+                    }
+                    out.keep_nearest();
+                }
+                assert!(out.keeps_nearest());
+            },
+        )
+        .unwrap();
+        for (i, &got) in f.t.iter().enumerate() {
+            let (x, y) = (i % 40, i / 40);
+            let mut want = (t(0, x, y), 0);
+            for part in [1, 2] {
+                if (part != 1 || x % 2 == 0) && t(part, x, y) < want.0 {
+                    want = (t(part, x, y), part);
+                }
+            }
+            assert_eq!(
+                (got, usize::from(f.surface[i]), f.rgba[i][0]),
+                (want.0, want.1, want.1 as f32)
+            );
         }
     }
 

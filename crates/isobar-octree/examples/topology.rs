@@ -1,13 +1,14 @@
 //! What levels of detail do to the topology (S18; Steinberger 2010, Figure 6.9): connected parts of the samples at or above an isovalue, and of those below it, with ever
-//! fewer levels of details. `cargo run --release -p isobar-octree --example topology -- [DATA ISOVALUE]...`; DATA is a file or a synthetic field.
+//! fewer levels of details. `cargo run --release -p isobar-octree --example topology -- [DATA ISOVALUE]... [FOLDER]`; DATA is a file or a synthetic field; with a folder the pictures
+//! are written there as PPM.
 //!
 //! Parts are counted on the coefficients at full resolution, neighbours along axes; those of a few samples are noise more often than not, so parts of at
 //! least 64 samples have a column of their own.
 
-use isobar_core::{Data, Grid};
+use isobar_core::{Channels, Data, Grid, Stop, Surface, View, to_srgb8};
 use isobar_fields::Synthetic;
 use isobar_octree::wavelet::table::part_sizes;
-use isobar_octree::wavelet::{Adaptive, Bank, Criteria, Extent, Pyramid, Selection};
+use isobar_octree::wavelet::{Adaptive, Bank, Criteria, Extent, Multiresolution, Pyramid, Selection};
 use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
@@ -20,10 +21,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "data  isovalue  details  active chunks  parts above (of 64 samples and more)  largest  parts below (of 64 and more)"
     );
-    for scene in args.chunks(2) {
-        let [source, isovalue] = scene else {
-            return Err("every DATA needs an ISOVALUE".into());
-        };
+    let (scenes, folder) = args.as_chunks::<2>();
+    let folder = folder.first().map(Path::new);
+    if let Some(folder) = folder {
+        std::fs::create_dir_all(folder)?;
+    }
+    for [source, isovalue] in scenes {
         let data = match source.parse::<Synthetic>() {
             Ok(s) => s.data()?,
             Err(_) => isobar_io::load(Path::new(source), &isobar_io::Options::default())?.data,
@@ -31,12 +34,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         let Data::Grid(grid) = data else {
             return Err(format!("{source} holds no grid").into());
         };
-        one(source, &grid, isovalue.parse()?)?;
+        one(source, &grid, isovalue.parse()?, folder)?;
     }
     Ok(())
 }
 
-fn one(source: &str, grid: &Grid, isovalue: f64) -> Result<(), Box<dyn Error>> {
+fn one(source: &str, grid: &Grid, isovalue: f64, folder: Option<&Path>) -> Result<(), Box<dyn Error>> {
     let pyramid = Arc::new(Pyramid::new(grid, Bank::Psi42)?);
     let mut adaptive = Adaptive::new(pyramid.clone());
     let name = Path::new(source).file_name().map_or(source.into(), |n| n.to_string_lossy());
@@ -66,6 +69,23 @@ fn one(source: &str, grid: &Grid, isovalue: f64) -> Result<(), Box<dyn Error>> {
             below.len(),
             big(&below),
         );
+        if let Some(folder) = folder {
+            let file = format!("figure-6.9-{name}-{what}.ppm").replace([' ', '%', '>', '='], "");
+            picture(&pyramid, &selection, isovalue, &folder.join(file))?;
+        }
     }
+    Ok(())
+}
+
+/// The surface of a selection, as PPM.
+fn picture(pyramid: &Arc<Pyramid>, selection: &Selection, isovalue: f64, file: &Path) -> Result<(), Box<dyn Error>> {
+    let mut levels = Multiresolution::new(pyramid.clone(), Channels::RGBA, 0)?;
+    levels.set_surfaces(&[Surface::isovalue(isovalue, 0)])?;
+    levels.select(selection)?;
+    let view = View::fit(pyramid.domain().world_bounds(), 40.0, 512, 512);
+    levels.render(&view, &Stop::default())?;
+    let mut bytes = b"P6\n512 512\n255\n".to_vec();
+    bytes.extend(levels.frame().rgba.iter().flat_map(|&p| to_srgb8(p)));
+    std::fs::write(file, bytes)?;
     Ok(())
 }

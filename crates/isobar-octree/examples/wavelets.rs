@@ -1,11 +1,13 @@
 //! Levels of detail of a volume by spline wavelets: Table 6.4, the numbers of Figures 4.2 to 4.6 and 6.7 to 6.9 of Steinberger 2010, and what a reconstruction
-//! costs. `cargo run --release -p isobar-octree --example wavelets -- DATA [ISOVALUE] [THREADS] [FOLDER]`; DATA is a file or a synthetic field; with a folder the pictures
-//! are written there as PPM. Times are CPU time of the process, least of several.
+//! costs, with the feature `gpu` also on the first adapter. `cargo run --release -p isobar-octree --example wavelets -- DATA [ISOVALUE] [THREADS] [FOLDER]`; DATA is a file or a
+//! synthetic field; with a folder the pictures are written there as PPM. Times are CPU time of the process, least of several. What drawing over levels gains
+//! is in the example `levels`.
 
-use isobar_core::{Camera, Data, Grid, View, to_srgb8};
+use glam::DVec3;
+use isobar_core::{Camera, Channels, Data, Grid, Stop, Surface, View, to_srgb8};
 use isobar_fields::Synthetic;
-use isobar_octree::wavelet::table::{Setting, epsilon_for, level_picture};
-use isobar_octree::wavelet::{Adaptive, Bank, Extent, Pyramid, Selection};
+use isobar_octree::wavelet::table::{Picture, Row, Setting, epsilon_for, level_picture};
+use isobar_octree::wavelet::{Adaptive, Bank, Criteria, Extent, Multiresolution, Pyramid, Selection};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -49,8 +51,9 @@ fn main() -> Result<()> {
         threads,
         clock: cpu_time,
     };
-    over_levels(&setting)?;
     banks(&grid, threads)?;
+    #[cfg(feature = "gpu")]
+    devices(&setting)?;
     levels(&setting, folder.as_deref())?;
     compression(&setting, folder.as_deref())
 }
@@ -98,43 +101,47 @@ fn banks(grid: &Grid, threads: usize) -> Result<()> {
     Ok(())
 }
 
-/// What drawing over levels gains, and at which error: thresholds by the share of all chunks that they leave, chunks without a surface collapsed.
-fn over_levels(setting: &Setting<'_>) -> Result<()> {
+/// Algorithms 1 to 3 on the CPU and as compute kernels: Table 6.4's selections, each from nothing.
+#[cfg(feature = "gpu")]
+fn devices(setting: &Setting<'_>) -> Result<()> {
+    use isobar_octree::wavelet::gpu::GpuAdaptive;
+    use std::time::Instant;
+    let gpu = isobar_gpu::Gpu::open()?;
     let Camera::Perspective { eye, .. } = setting.view.camera else {
         return Err("the view is in perspective".into());
     };
-    // From everything at the finest level to everything at the third coarser.
-    let distance = eye.distance(setting.grid.domain().world(setting.grid.domain().hi * 0.5));
-    let node = 8.0 * setting.grid.spacing.length();
-    let epsilons: Vec<f64> = [0.01, 1.0, 1.3, 1.7, 2.5, 4.0, 8.0]
-        .iter()
-        .map(|k| k * node / distance)
-        .collect();
+    let pool = isobar_cpu::Pool::new(setting.threads)?;
+    let pyramid = Arc::new(pool.install(|| Pyramid::new(setting.grid, setting.bank))?);
+    let (mut device, mut host) = (GpuAdaptive::new(&gpu, pyramid.clone())?, Adaptive::new(pyramid.clone()));
     println!(
-        "\nOver levels of detail, {}, chunks without a surface collapsed, {} threads; full: the volume itself at full resolution",
-        setting.bank, setting.threads
+        "\nReconstruction on {} and on the CPU ({} threads), wall ms, least of 5 in turn; the kernels' own time where the device tells",
+        gpu.report(),
+        setting.threads
     );
-    println!(
-        "epsilon  chunks  select ms  frame ms  full ms  full / frame  full / (select + frame)  MSE x 1e3  depth rms  one-sided  differ  MiB  finest chunks by level"
-    );
-    for (r, _) in setting.rows(eye, &epsilons, true)? {
-        let l = r.levels;
-        println!(
-            "{:7.4}  {:6}  {:9.1}  {:8.1}  {:7.1}  {:12.2}  {:23.2}  {:9.3}  {:9.4}  {:9}  {:6}  {:3}  {:?}",
-            r.epsilon,
-            r.chunks,
-            ms(l.select),
-            ms(l.render),
-            ms(l.full),
-            ms(l.full) / ms(l.render),
-            ms(l.full) / ms(l.select + l.render),
-            r.mse * 1e3,
-            r.depth,
-            r.one_sided,
-            l.differ,
-            l.bytes >> 20,
-            r.by_level
-        );
+    println!("chunks  computed  GPU ms (kernels)  CPU ms");
+    let criteria = |share: f64| Criteria {
+        view: Some((eye, epsilon_for(&pyramid, eye, share))),
+        ..Criteria::default()
+    };
+    for (_, share, ..) in PRINTED {
+        let selection = Selection::new(&pyramid, &criteria(share / 100.0));
+        let (mut best, mut kernels, mut cpu, mut computed) = (f64::INFINITY, None, f64::INFINITY, 0);
+        for _ in 0..5 {
+            device.forget();
+            let clock = Instant::now();
+            let (update, time) = device.update(&selection, Extent::Drawn)?;
+            gpu.wait()?;
+            let wall = ms(clock.elapsed());
+            if wall < best {
+                (best, kernels, computed) = (wall, time, update.computed);
+            }
+            host.forget();
+            let clock = Instant::now();
+            pool.install(|| host.update(&selection, Extent::Drawn));
+            cpu = cpu.min(ms(clock.elapsed()));
+        }
+        let kernels = kernels.map_or("-".into(), |t| format!("{:.2}", ms(t)));
+        println!("{:6}  {computed:8}  {best:6.2} ({kernels})  {cpu:6.2}", selection.count());
     }
     Ok(())
 }
@@ -182,7 +189,61 @@ fn levels(setting: &Setting<'_>, folder: Option<&Path>) -> Result<()> {
                 setting.view,
                 &level_picture(setting, r, picture),
             )?;
+            if letter == "b" {
+                transition(setting, eye, r, picture, folder)?;
+            }
         }
+    }
+    Ok(())
+}
+
+/// Figure 6.8: the levels chosen for one view seen from another, and a border of levels close up, shaded and by level.
+fn transition(setting: &Setting<'_>, eye: DVec3, row: &Row, picture: &Picture, folder: &Path) -> Result<()> {
+    let pyramid = Arc::new(Pyramid::new(setting.grid, setting.bank)?);
+    let criteria = Criteria {
+        view: Some((eye, row.epsilon)),
+        ..Criteria::default()
+    };
+    let channels = Channels::T | Channels::NORMAL | Channels::SURFACE | Channels::RGBA;
+    let mut levels = Multiresolution::new(pyramid.clone(), channels, setting.threads)?;
+    levels.set_surfaces(&[Surface::isovalue(setting.isovalue, 0)])?;
+    levels.select(&Selection::new(&pyramid, &criteria))?;
+    let (width, height) = (setting.view.width, setting.view.height);
+    let bounds = setting.grid.domain().world_bounds();
+    let mut views = vec![(
+        "a",
+        View::fit_from(bounds, DVec3::new(-1.9, 2.6, 2.2), DVec3::Z, 40.0, width, height),
+    )];
+    // The outline of a level next to the middle of the picture.
+    let outline = level_picture(setting, row, picture);
+    let off = |i: usize| (i % width).abs_diff(width / 2).pow(2) + (i / width).abs_diff(height / 2).pow(2);
+    let border = (0..outline.len())
+        .filter(|&i| outline[i] == [0.0, 0.0, 0.0, 1.0])
+        .min_by_key(|&i| off(i));
+    if let Some(i) = border {
+        let ray = setting.view.ray(i % width, i / width);
+        let point = ray.at(picture.frame.t[i]);
+        let n = picture.frame.normal[i].map(f64::from);
+        let n = DVec3::from_array(n);
+        let out = n * -n.dot(ray.direction).signum() - ray.direction;
+        let from = point + out.normalize() * 20.0 * setting.grid.spacing.min_element();
+        let up = if out.normalize().z.abs() < 0.9 { DVec3::Z } else { DVec3::X };
+        views.push(("close", View::perspective(from, point, up, 40.0, width, height)));
+    }
+    for (name, view) in views {
+        levels.render(&view, &Stop::default())?;
+        let picture = Picture {
+            frame: levels.frame().clone(),
+            render: Duration::ZERO,
+        };
+        let seen = Setting { view: &view, ..*setting };
+        write(folder, &format!("figure-6.8-{name}"), &view, &picture.frame.rgba)?;
+        write(
+            folder,
+            &format!("figure-6.8-{name}-levels"),
+            &view,
+            &level_picture(&seen, row, &picture),
+        )?;
     }
     Ok(())
 }

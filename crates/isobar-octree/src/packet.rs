@@ -154,7 +154,11 @@ impl<W: Drawn> WithLanes for Draw<'_, '_, W> {
             return Done::leaving(place.rays());
         }
         let mut done = Done::leaving([0; packet::BLOCKS]);
-        while let Some(frustum) = packet.next_group::<S, _>(place) {
+        while let Some(mut frustum) = packet.next_group::<S, _>(place) {
+            if out.keeps_nearest() {
+                let (tile, out) = (place.tile, &*out);
+                frustum = packet.rays.end_at::<S>(frustum, |x, y| out.t(tile.x + x, tile.y + y));
+            }
             if packet.rays.blocks == 0 {
                 continue;
             }

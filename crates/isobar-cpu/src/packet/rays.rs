@@ -352,6 +352,34 @@ impl Rays {
         None
     }
 
+    /// Lets the rays end at `t` of their pixels in the tile, where that is before they leave the domain; rays that would end before they begin are taken out. What
+    /// is left of the frustum.
+    #[inline(always)]
+    #[must_use]
+    pub fn end_at<S: Lanes>(&mut self, frustum: Frustum, t: impl Fn(usize, usize) -> f64) -> Frustum {
+        let k = frustum.major;
+        let [near, mut far] = frustum.ends;
+        let mut reached = near;
+        for b in ones(self.blocks) {
+            let mut ended = 0;
+            for l in ones(self.alive[b].into()) {
+                let (x, y) = pixel(b, l);
+                let end = self.end[b][l].min(t(x, y));
+                if end < self.begin[b][l] {
+                    ended |= 1 << l;
+                    continue;
+                }
+                self.end[b][l] = end;
+                let at = (end - self.shift[k][b][l]) / self.inv[k][b][l];
+                reached = if self.down[k] { reached.min(at) } else { reached.max(at) };
+            }
+            self.take_out(b, ended, 0);
+        }
+        far = if self.down[k] { far.max(reached) } else { far.min(reached) };
+        let across = |x: f64| three(|a| if a == k { x } else { 0.0 });
+        self.frustum::<S>(k, across(near), across(far))
+    }
+
     /// Where the rays enter and leave the domain, and what that adds to the margin; at most `most`.
     #[inline(always)]
     fn enter<S: Lanes, D: Space>(&mut self, near: [f64; 3], far: [f64; 3], most: f64, clipped: bool) {

@@ -112,6 +112,8 @@ pub struct Adaptive<T: Number = f32> {
     taps: Synthesis<T>,
     states: Vec<State<T>>,
     selection: Selection,
+    /// By level, whether the last update computed any of its values.
+    changed: Vec<bool>,
     simd: Level,
 }
 
@@ -128,6 +130,7 @@ impl<T: Number> Adaptive<T> {
         Self {
             taps: Synthesis::new(pyramid.bank),
             selection: Selection::whole(&pyramid, false),
+            changed: vec![false; pyramid.levels()],
             states,
             pyramid,
             simd: Level::detect(),
@@ -170,6 +173,7 @@ impl<T: Number> Adaptive<T> {
                 mirror: self.pyramid.bank.mirror(),
             };
             reconstruct(&source, &plan.todo[l], &mut finer[l].values, self.simd);
+            self.changed[l] = plan.todo[l].count() > 0;
         }
         for (state, valid) in self.states.iter_mut().zip(plan.valid) {
             state.valid = valid;
@@ -207,6 +211,11 @@ impl<T: Number> Adaptive<T> {
             .valid
             .contains(xyz.map(|v| v / CHUNK))
             .then(|| state.values.data[state.values.at(xyz)])
+    }
+
+    /// Whether the last update computed any value of a level; the coarsest one never changes.
+    pub(super) fn changed(&self, level: usize) -> bool {
+        self.changed.get(level).copied().unwrap_or(false)
     }
 
     /// The values of a level, stored by chunks; level `levels()` is the coarsest. Those of chunks that were not wanted are old or zero.

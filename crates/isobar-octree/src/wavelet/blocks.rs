@@ -102,8 +102,8 @@ impl ChunkSet {
     /// Position of a chunk in x fastest order.
     #[must_use]
     #[inline(always)]
-    pub const fn index(&self, [x, y, z]: [usize; 3]) -> usize {
-        (z * self.chunks[1] + y) * self.chunks[0] + x
+    pub const fn index(&self, chunk: [usize; 3]) -> usize {
+        index_of(self.chunks, chunk)
     }
 
     /// Chunk at a position.
@@ -153,23 +153,30 @@ impl ChunkSet {
     /// With all chunks within `radius` of a member along every axis.
     #[must_use]
     pub fn dilated(&self, radius: [usize; 3]) -> Self {
-        let mut from = self.clone();
-        for (axis, &radius) in radius.iter().enumerate() {
-            if radius == 0 {
-                continue;
-            }
-            let mut to = from.clone();
-            for i in 0..from.members.len() {
-                let c = from.chunk(i);
-                let last = (c[axis] + radius).min(self.chunks[axis] - 1);
-                to.members[i] = (c[axis].saturating_sub(radius)..=last).any(|v| {
-                    let mut at = c;
-                    at[axis] = v;
-                    from.contains(at)
-                });
-            }
-            from = to;
+        fn join(to: &mut [bool], from: &[bool]) {
+            to.iter_mut().zip(from).for_each(|(to, &from)| *to |= from);
         }
-        from
+        let mut out = self.clone();
+        let mut stride = 1;
+        for (&n, &radius) in self.chunks.iter().zip(&radius) {
+            let line = stride * n;
+            if radius > 0 {
+                let from = out.members.clone();
+                for (to, from) in out.members.chunks_exact_mut(line).zip(from.chunks_exact(line)) {
+                    for k in 1..=radius.min(n - 1) {
+                        join(&mut to[k * stride..], from);
+                        join(to, &from[k * stride..]);
+                    }
+                }
+            }
+            stride = line;
+        }
+        out
     }
+}
+
+/// Position of a chunk in x fastest order.
+#[inline(always)]
+pub(super) const fn index_of([nx, ny, _]: [usize; 3], [x, y, z]: [usize; 3]) -> usize {
+    (z * ny + y) * nx + x
 }

@@ -33,6 +33,7 @@
 mod adaptive;
 mod banks;
 mod blocks;
+pub mod gain;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 mod multires;

@@ -1,6 +1,6 @@
 //! The decomposition of a volume into levels of wavelet coefficients (S14, S16).
 
-use super::blocks::{Blocks, CHUNK, ChunkSet, VOLUME, chunks_of};
+use super::blocks::{Blocks, CHUNK, ChunkSet, VOLUME, chunks_of, index_of};
 use super::transform::{analyse, low};
 use super::{Bank, Number};
 use glam::{DMat3, DVec3};
@@ -149,7 +149,7 @@ impl<T: Number> Pyramid<T> {
                     );
                     if let Some(finer) = finer {
                         for child in children(chunk, finer.details.chunks) {
-                            let j = ChunkSet::new(finer.details.chunks, false).index(child);
+                            let j = index_of(finer.details.chunks, child);
                             magnitude = magnitude.max(finer.magnitudes[j]);
                             range = hull(range, finer.ranges[j]);
                         }
@@ -222,7 +222,7 @@ impl<T: Number> Pyramid<T> {
     #[must_use]
     pub fn node(&self, level: usize, chunk: [usize; 3]) -> Node {
         let l = &self.levels[level];
-        let i = ChunkSet::new(l.details.chunks, false).index(chunk);
+        let i = index_of(l.details.chunks, chunk);
         let size = (CHUNK << level) as f64;
         // Coarse pieces of the quadratic spline are centred on coefficients that sit between the fine ones (maths, section B).
         let shift = if self.bank.degree() == 2 { 0.5 } else { 0.0 };

@@ -4,6 +4,7 @@ use super::Number;
 use super::blocks::{CHUNK, ChunkSet};
 use super::pyramid::{Node, Pyramid};
 use glam::DVec3;
+use isobar_core::{Camera, View};
 
 /// When a chunk is activated: all that is given must hold, and its parent must be active (Algorithm 1: c0, c1, c2).
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -18,6 +19,20 @@ pub struct Criteria {
 }
 
 impl Criteria {
+    /// By view, so that no piece of a coarser level is seen wider than some `pixels`: s / c is below 4 sqrt(3) times the angle of so many pixels, because a
+    /// collapsed node of diameter s is drawn with cubes of diameter s / 4. Pieces that are no cubes are as wide as those of that diameter at most sqrt(3) times. `None`
+    /// for cameras without an eye.
+    #[must_use]
+    pub fn pixels(view: &View, pixels: f64) -> Option<Self> {
+        let Camera::Perspective { eye, .. } = view.camera else {
+            return None;
+        };
+        Some(Self {
+            view: Some((eye, 4.0 * 3f64.sqrt() * pixels * view.footprint(1.0))),
+            ..Self::default()
+        })
+    }
+
     /// Whether a node passes, its parent apart.
     #[must_use]
     pub fn passes<T: Number>(&self, pyramid: &Pyramid<T>, node: &Node) -> bool {
@@ -33,12 +48,13 @@ impl Criteria {
             // Written so that an eye inside the node, with distance 0, passes.
             diameter >= epsilon * distance
         };
-        self.view.as_ref().is_none_or(near)
-            && self.magnitude.is_none_or(|m| node.magnitude >= m)
+        // What costs least first.
+        self.magnitude.is_none_or(|m| node.magnitude >= m)
             && self
                 .isovalues
                 .as_ref()
                 .is_none_or(|v| v.iter().any(|&c| node.range.0 <= c && c <= node.range.1))
+            && self.view.as_ref().is_none_or(near)
     }
 }
 
@@ -129,16 +145,42 @@ impl Selection {
         let covered = self.covered();
         (0..=self.active.len())
             .map(|l| {
-                let mut set = ChunkSet::new(pyramid.level_dims(l).map(|n| n.div_ceil(CHUNK / 2)), false);
-                for i in 0..set.members().len() {
-                    let brick = set.chunk(i);
-                    let here = covered.get(l).is_none_or(|c| c.contains(brick.map(|b| b / 2)));
-                    let finer = l > 0 && covered[l - 1].contains(brick);
-                    set.set(brick, here && !finer);
+                let bricks = pyramid.level_dims(l).map(|n| n.div_ceil(CHUNK / 2));
+                // All of the coarsest level, else those of the chunks that are covered; but for what is finer.
+                let Some(here) = covered.get(l) else {
+                    return covered
+                        .last()
+                        .map_or(ChunkSet::new(bricks, true), |finer| finer.zip(finer, |f, _| !f));
+                };
+                let mut set = ChunkSet::new(bricks, false);
+                for chunk in here.iter() {
+                    for i in 0..8 {
+                        let brick = [0, 1, 2].map(|a| 2 * chunk[a] + (i >> a & 1));
+                        let inside = (0..3).all(|a| brick[a] < bricks[a]);
+                        if inside && !(l > 0 && covered[l - 1].contains(brick)) {
+                            set.set(brick, true);
+                        }
+                    }
                 }
                 set
             })
             .collect()
+    }
+
+    /// As [`Selection::bricks`], and beside them a layer of bricks where coarser ones are: there no detail of the level acts, so both are one function but for rounding, and what
+    /// that hides from one level next to its border is found by the other.
+    pub(super) fn overlapping<T: Number>(&self, pyramid: &Pyramid<T>) -> Vec<ChunkSet> {
+        let covered = self.covered();
+        let mut bricks = self.bricks(pyramid);
+        for (own, covered) in bricks.iter_mut().zip(&covered) {
+            let mut wider = own.dilated([1; 3]);
+            for brick in wider.clone().iter() {
+                let here = covered.contains(brick.map(|b| b / 2));
+                wider.set(brick, own.contains(brick) || !here);
+            }
+            *own = wider;
+        }
+        bricks
     }
 
     /// The chunks that are drawn at a level or finer: the active ones and their neighbours, into which the active ones' wavelets reach

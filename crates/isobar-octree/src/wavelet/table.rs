@@ -10,6 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// What is drawn.
+#[derive(Clone, Copy)]
 pub struct Setting<'a> {
     /// The volume; its samples are the coefficients.
     pub grid: &'a Grid,
@@ -99,17 +100,17 @@ pub struct OverLevels {
 }
 
 /// Channels of the pictures.
-const CHANNELS: Channels = Channels::T
+pub(super) const CHANNELS: Channels = Channels::T
     .union(Channels::NORMAL)
     .union(Channels::SURFACE)
     .union(Channels::RGBA);
 
 /// Frames of which the least time counts.
-const REPEATS: usize = 5;
+pub(super) const REPEATS: usize = 5;
 
 impl Setting<'_> {
     /// The time `work` takes.
-    fn timed<R>(&self, work: impl FnOnce() -> R) -> (R, Duration) {
+    pub(super) fn timed<R>(&self, work: impl FnOnce() -> R) -> (R, Duration) {
         let start = (self.clock)();
         let out = work();
         (out, (self.clock)().saturating_sub(start))
@@ -133,7 +134,7 @@ impl Setting<'_> {
     }
 
     /// The method with everything set.
-    fn renderer(&self, grid: &Grid) -> Result<Box<dyn Renderer>, RenderError> {
+    pub(super) fn renderer(&self, grid: &Grid) -> Result<Box<dyn Renderer>, RenderError> {
         let kind = ["trilinear", "quadratic", "cubic"][self.bank.degree() - 1];
         let request = Request {
             channels: CHANNELS,
@@ -191,7 +192,7 @@ impl Setting<'_> {
             let grid = pool.install(|| adaptive.grid())?;
             let picture = self.picture(&grid)?;
             let over = self.over_levels(&mut levels, &select, whole.as_mut(), &picture)?;
-            let difference = Difference::of(&full.frame, &picture.frame, self.grid.spacing.min_element());
+            let difference = Difference::of(&full.frame, &picture.frame, self.view, self.grid.spacing.min_element());
             let coarsest: usize = pyramid.level_chunks(pyramid.levels()).iter().product();
             let level_map = adaptive.level_map();
             let row = Row {
@@ -305,7 +306,7 @@ pub fn epsilon_for(pyramid: &Pyramid, eye: DVec3, share: f64) -> f64 {
     lo
 }
 
-/// How a picture differs from the full one.
+/// How a picture differs from the full one. Depths are distances of the first hits along the ray, over pixels hit in both.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Difference {
     /// See [`Row::mse`].
@@ -314,13 +315,18 @@ pub struct Difference {
     pub depth: f64,
     /// See [`Row::one_sided`].
     pub one_sided: usize,
+    /// Median and 99th percentile of the depths, voxels.
+    pub voxels: [f64; 2],
+    /// Root mean square, median and 99th percentile of the depths, each in pixel footprints at its hit ([`View::footprint`]).
+    pub footprints: [f64; 3],
 }
 
 impl Difference {
-    /// Of two frames with t and rgba of the same size; `voxel` is the world length depth is divided by. Zeros where nothing is hit.
+    /// Of two frames of `view` with t and rgba; `voxel` is the world length depth is divided by. Zeros where nothing is hit.
     #[must_use]
-    pub fn of(full: &Frame, other: &Frame, voxel: f64) -> Self {
-        let (mut colour, mut pixels, mut depth, mut both, mut one_sided) = (0.0, 0usize, 0.0, 0usize, 0);
+    pub fn of(full: &Frame, other: &Frame, view: &View, voxel: f64) -> Self {
+        let (mut colour, mut pixels, mut one_sided) = (0.0, 0usize, 0);
+        let (mut depths, mut footprints) = (Vec::new(), Vec::new());
         for (i, (&a, &b)) in full.t.iter().zip(&other.t).enumerate() {
             if a.is_infinite() && b.is_infinite() {
                 continue;
@@ -329,18 +335,35 @@ impl Difference {
             let d = |c: usize| f64::from(full.rgba[i][c]) - f64::from(other.rgba[i][c]);
             colour += (d(0).powi(2) + d(1).powi(2) + d(2).powi(2)) / 3.0;
             if a.is_finite() && b.is_finite() {
-                both += 1;
-                depth += ((a - b) / voxel).powi(2);
+                depths.push((a - b).abs() / voxel);
+                footprints.push((a - b).abs() / view.footprint(a));
             } else {
                 one_sided += 1;
             }
         }
+        let square = |v: &[f64]| (v.iter().map(|d| d * d).sum::<f64>() / v.len().max(1) as f64).sqrt();
+        let (depth, wide) = (square(&depths), square(&footprints));
+        let [f50, f99] = quantiles(&mut footprints);
         Self {
             mse: colour / pixels.max(1) as f64,
-            depth: (depth / both.max(1) as f64).sqrt(),
+            depth,
             one_sided,
+            voxels: quantiles(&mut depths),
+            footprints: [wide, f50, f99],
         }
     }
+}
+
+/// Median and 99th percentile; zeros of nothing.
+fn quantiles(v: &mut [f64]) -> [f64; 2] {
+    [0.5, 0.99].map(|q| {
+        let at = (q * v.len() as f64) as usize;
+        if at < v.len() {
+            *v.select_nth_unstable_by(at, f64::total_cmp).1
+        } else {
+            0.0
+        }
+    })
 }
 
 /// Connected parts of the samples at or above a value; samples next to each other along an axis are connected.
@@ -433,7 +456,7 @@ impl Setting<'_> {
                 share: kept as f64 / pyramid.coefficients() as f64,
                 rms: (sum / values.len() as f64).sqrt(),
                 max,
-                picture: Difference::of(&full.frame, &picture.frame, self.grid.spacing.min_element()),
+                picture: Difference::of(&full.frame, &picture.frame, self.view, self.grid.spacing.min_element()),
             };
             rows.push((row, picture));
         }

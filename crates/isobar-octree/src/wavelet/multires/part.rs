@@ -22,7 +22,7 @@ const BRICK: usize = CHUNK / 2;
 #[derive(Debug)]
 pub(super) struct Part {
     pub(super) level: usize,
-    /// All bricks of the level that are drawn, in those of the whole level.
+    /// All bricks of the level that are drawn, with the overlap, in those of the whole level.
     pub(super) bricks: ChunkSet,
     /// The brick of the whole level that is the first of the lattice; -1 where the lattice begins before the domain.
     first: [isize; 3],
@@ -41,11 +41,17 @@ enum Caster {
     Smooth(Box<Smooth>),
 }
 
+/// At most so many boxes tell where a level may have a surface: each is projected once a frame.
+const MOST: usize = 1 << 12;
+
 #[derive(Debug)]
 pub(super) struct Prepared {
     caster: PreparedCaster,
-    /// Pairs of bricks per axis (chunks of the level) that a surface may meet, in those of the lattice.
-    pub(super) chunks: Vec<[usize; 3]>,
+    /// Bricks that a surface may meet.
+    pub(super) bricks: usize,
+    /// Boxes of `size` pieces per axis that hold these, in such boxes of the lattice.
+    boxes: Vec<[usize; 3]>,
+    size: usize,
 }
 
 #[derive(Debug)]
@@ -127,11 +133,20 @@ impl Part {
                 (PreparedCaster::Smooth(prepared), left)
             }
         };
-        let mut chunks = ChunkSet::new(self.grid.dims.map(|n| n.div_ceil(CHUNK)), false);
-        left.iter().for_each(|b| chunks.set(b.map(|b| b / 2), true));
+        let mut size = CHUNK;
+        let boxes = loop {
+            let mut set = ChunkSet::new(self.grid.dims.map(|n| n.div_ceil(size)), false);
+            left.iter().for_each(|b| set.set(b.map(|b| b * BRICK / size), true));
+            if set.count() <= MOST {
+                break set.iter().collect();
+            }
+            size *= 2;
+        };
         self.prepared = Some(Prepared {
             caster,
-            chunks: chunks.iter().collect(),
+            bricks: left.len(),
+            boxes,
+            size,
         });
     }
 
@@ -147,7 +162,7 @@ impl Part {
         } else {
             0.0
         };
-        let half = CHUNK as f64 / 2.0;
+        let half = prepared.size as f64 / 2.0;
         let sum = domain.axes.x_axis.length() + domain.axes.y_axis.length() + domain.axes.z_axis.length();
         let radius = half * sum * (1.0 + 1e-9);
         let mut out = Nearest {
@@ -156,8 +171,8 @@ impl Part {
             t: Vec::new(),
         };
         out.t.resize(out.columns * out.rows, f64::INFINITY);
-        for chunk in &prepared.chunks {
-            let centre = chunk.map(|c| (c * CHUNK) as f64 + half - shift);
+        for at in &prepared.boxes {
+            let centre = at.map(|c| (c * prepared.size) as f64 + half - shift);
             let (columns, rows) = match projection.seen(centre, half) {
                 Some((s, _)) => (tiles(s.x, s.half[0], out.columns), tiles(s.y, s.half[1], out.rows)),
                 None => (0..out.columns, 0..out.rows),
@@ -175,6 +190,7 @@ impl Part {
         Some(out)
     }
 
+    /// Draws a tile; gives the active cells looked into, once a ray.
     pub(super) fn draw(
         &self,
         prepared: &Prepared,
@@ -182,7 +198,7 @@ impl Part {
         (view, surfaces): (&View, &Isovalues),
         tile: Tile,
         out: &mut TileOut<'_>,
-    ) {
+    ) -> u64 {
         match (&self.caster, &prepared.caster, &self.grid.samples) {
             (Caster::Linear { space, .. }, PreparedCaster::Linear { bounds, active }, Samples::F32(samples)) => {
                 let search = Search {
@@ -201,7 +217,7 @@ impl Part {
                     tile,
                     out,
                 };
-                trilinear::draw(simd, tile);
+                trilinear::draw(simd, tile).cells
             }
             (Caster::Smooth(smooth), PreparedCaster::Smooth(prepared), _) => {
                 let job = smooth::Job {
@@ -212,7 +228,7 @@ impl Part {
                     level: simd,
                     claims: false,
                 };
-                smooth.draw(prepared, job);
+                smooth.draw(prepared, job).cells
             }
             _ => unreachable!("what is prepared is made from the caster beside it, whose samples are f32"),
         }

@@ -1,6 +1,7 @@
 //! Tests of the wavelets: exact where numbers allow it.
 
 mod banks;
+mod borders;
 mod dyadic;
 mod exact;
 mod multires;

@@ -4,34 +4,37 @@ use super::rays::Random;
 use crate::wavelet::{Adaptive, Bank, Criteria, Extent, Multiresolution, Pyramid, Selection};
 use glam::{DMat3, DVec3};
 use isobar_core::{
-    Channels, ClipPlane, Data, DataError, Frame, Function, Grid, Knobs, Method, Ray, RenderError, Request, Samples, Stage, Stop,
-    Surface, View,
+    Channels, ClipPlane, Data, DataError, Frame, Grid, Knobs, Method, RenderError, Request, Samples, Stop, Surface, View,
 };
-use isobar_fields::{GridSpline, Kind};
+use isobar_fields::Kind;
 use std::sync::Arc;
 
 const CHANNELS: Channels = Channels::T
     .union(Channels::NORMAL)
     .union(Channels::SURFACE)
     .union(Channels::RGBA);
-const BANKS: [(Bank, Kind); 3] = [
+pub(super) const BANKS: [(Bank, Kind); 3] = [
     (Bank::Psi22, Kind::Trilinear),
     (Bank::Psi31, Kind::Quadratic),
     (Bank::Psi42, Kind::Cubic),
 ];
 
-/// A wavy function with some noise.
-fn wavy(dims: [usize; 3], spacing: DVec3) -> Grid {
+/// A wavy function of `frequency` radians per sample, with some noise.
+pub(super) fn waves(dims: [usize; 3], spacing: DVec3, frequency: f64) -> Grid {
     let mut random = Random(0x1234_5678_9abc_def1);
     let [nx, ny, _] = dims;
     let samples: Vec<f32> = (0..dims.iter().product())
         .map(|i| {
-            let p = DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / (nx * ny)) as f64) * 0.4;
+            let p = DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / (nx * ny)) as f64) * frequency;
             (p.x.sin() * p.y.cos() + p.y.sin() * p.z.cos() + p.z.sin() * p.x.cos() + 0.2 * random.next()) as f32
         })
         .collect();
     let origin = DVec3::new(-1.0, 2.0, 0.5);
     Grid::new(dims, spacing, origin, DMat3::IDENTITY, Samples::F32(samples.into())).unwrap()
+}
+
+fn wavy(dims: [usize; 3], spacing: DVec3) -> Grid {
+    waves(dims, spacing, 0.4)
 }
 
 /// Level 0 at low x, level 1 in the middle, coarser behind.
@@ -76,28 +79,63 @@ fn pictures(
     (levels.frame().clone(), one, levels)
 }
 
-/// Pixels both hit at the same place, those that differ, and those that differ and lie within `zone` voxels of a face of the domain.
-fn compare(grid: &Grid, view: &View, a: &Frame, b: &Frame, zone: f64) -> (usize, usize, usize) {
+/// How far from the faces of the domain, per axis and end, levels may differ from the one spline that is drawn at full resolution: as far as stencils reach beyond the faces where
+/// rules differ there. In voxels, 0: nowhere.
+///
+/// Degree 3: in the last voxel the finest level's stencil takes the clamped index, that of others the mirrored one; in degrees 1 and 2 both are the same. At the high end of an axis
+/// level k goes on by the mirror of level k - 1, which lies elsewhere than that of level k itself where k - 1 has an even number of samples (an odd one in degree 2); so pieces of level k whose
+/// stencils go beyond its end are not those that level k + 1 and coarser ones draw there.
+fn reach(drawn: &Multiresolution, degree: usize) -> [[f64; 2]; 3] {
+    let pyramid = drawn.adaptive().pyramid();
+    let coarsest = drawn.levels().map(|l| l.0).max().unwrap();
+    let own = if degree == 3 && coarsest > 0 { 1.0 } else { 0.0 };
+    [0, 1, 2].map(|a| {
+        let n = |l: usize| pyramid.level_dims(l)[a] as f64;
+        let beyond = (1..coarsest)
+            .filter(|&k| pyramid.level_dims(k - 1)[a] % 2 == usize::from(degree == 2))
+            .map(|k| {
+                let step = (1 << k) as f64;
+                // Where the first such piece begins.
+                let first = match degree {
+                    1 => step * (n(k) - 1.0),
+                    2 => step * (n(k) - 1.0) - 0.5,
+                    _ => step * (n(k) - 2.0),
+                };
+                n(0) - 1.0 - first
+            });
+        [own, beyond.fold(own, f64::max)]
+    })
+}
+
+/// Pixels both hit at the same place, and those that differ; each of these has to be hit within `reach` of a face of the domain in one of the frames. Normals are compared
+/// everywhere else.
+fn compare(grid: &Grid, view: &View, a: &Frame, b: &Frame, reach: [[f64; 2]; 3]) -> (usize, usize) {
     let domain = grid.domain();
-    let (mut same, mut differ, mut at_face) = (0, 0, 0);
+    let (mut same, mut differ) = (0, 0);
     for (i, (&t, &u)) in a.t.iter().zip(&b.t).enumerate() {
         if t.is_infinite() && u.is_infinite() {
             continue;
         }
         let ray = view.ray(i % view.width, i / view.width);
-        let near = [t, u].into_iter().filter(|t| t.is_finite()).any(|t| {
+        let at_face = [t, u].into_iter().filter(|t| t.is_finite()).any(|t| {
             let p = domain.local(ray.at(t));
-            (p - domain.lo).min(domain.hi - p).min_element() < zone
+            let ends = [p - domain.lo, domain.hi - p];
+            (0..3).any(|a| (0..2).any(|end| reach[a][end] > 0.0 && ends[end][a] < reach[a][end] + 1e-6))
         });
         if (t - u).abs() < 1e-4 {
             same += 1;
             let turned = (0..3).map(|c| (a.normal[i][c] - b.normal[i][c]).abs()).fold(0.0, f32::max);
-            assert!(near || turned < 1e-2, "{turned} at pixel {i}");
+            assert!(at_face || turned < 1e-3, "{turned} at pixel {i}");
             continue;
         }
-        if near { at_face += 1 } else { differ += 1 }
+        assert!(
+            at_face,
+            "pixel {i}: {t} and {u}, {} away from faces",
+            domain.local(ray.at(t.min(u)))
+        );
+        differ += 1;
     }
-    (same, differ, at_face)
+    (same, differ)
 }
 
 #[test]
@@ -107,8 +145,27 @@ fn all_details_are_drawn_as_the_volume_itself() {
         let view = View::fit(grid.domain().world_bounds(), 40.0, 160, 120);
         let (levels, one, drawn) = pictures(&grid, bank, |p| Selection::whole(p, true), &view);
         assert_eq!(drawn.levels().map(|l| l.0).collect::<Vec<_>>(), [0]);
-        let (same, differ, at_face) = compare(&grid, &view, &levels, &one, 0.0);
-        assert!(same > 3000 && differ + at_face == 0, "{}: {same} {differ} {at_face}", bank.0);
+        let (same, differ) = compare(&grid, &view, &levels, &one, [[0.0; 2]; 3]);
+        assert!(same > 3000 && differ == 0, "{}: {same} {differ}", bank.0);
+    }
+}
+
+/// Less than a chunk, one sample more than chunks, axes of two samples: at full resolution the volume itself, bit by bit but for rounding; over levels whatever they are, without a panic.
+#[test]
+fn sizes_that_chunks_do_not_divide() {
+    for bank in BANKS {
+        for dims in [[2, 2, 2], [3, 9, 2], [9, 8, 17], [16, 25, 7], [2, 40, 3]] {
+            let grid = wavy(dims, DVec3::ONE);
+            let view = View::fit(grid.domain().world_bounds(), 40.0, 80, 60);
+            let (levels, one, _) = pictures(&grid, bank, |p| Selection::whole(p, true), &view);
+            let (_, differ) = compare(&grid, &view, &levels, &one, [[0.0; 2]; 3]);
+            assert_eq!(differ, 0, "{} {dims:?}", bank.0);
+            for coarser in [0, 1] {
+                let select = |p: &Pyramid| Selection::by(p, |n| n.level > coarser || n.chunk[1] == 0);
+                let (levels, one, drawn) = pictures(&grid, bank, select, &view);
+                compare(&grid, &view, &levels, &one, reach(&drawn, bank.0.degree()));
+            }
+        }
     }
 }
 
@@ -122,7 +179,8 @@ fn levels_are_drawn_as_the_one_spline_they_are() {
     for bank in BANKS {
         // Sizes of which all coarse lattices end with the domain, sizes that chunks do not divide, and cells that are no cubes.
         let odd = if bank.0.degree() == 2 { [48, 32, 24] } else { [49, 33, 25] };
-        for (dims, spacing) in [(odd, DVec3::ONE), ([43, 31, 22], DVec3::new(1.0, 2.0, 0.5))] {
+        let stretched = DVec3::new(1.0, 2.0, 0.5);
+        for (dims, spacing) in [(odd, DVec3::ONE), ([43, 31, 22], stretched), ([75, 46, 22], DVec3::ONE)] {
             let grid = wavy(dims, spacing);
             let mut view = View::fit(grid.domain().world_bounds(), 40.0, 160, 120);
             for clips in [vec![], vec![cut]] {
@@ -130,63 +188,13 @@ fn levels_are_drawn_as_the_one_spline_they_are() {
                 let (levels, one, drawn) = pictures(&grid, bank, stepped, &view);
                 let bricks: Vec<_> = drawn.levels().collect();
                 assert!(bricks.len() >= 2 && bricks.iter().all(|l| l.1 > 0), "{bricks:?}");
-                // At faces the finest level goes on by clamped indices, the others by the mirror: in degree 3 the last voxel differs, a fifth of what is seen
-                // of so small a volume (735 pixels beside 3683 in 49 x 33 x 25), and with sizes that coarse lattices do not end with some more.
-                let (same, differ, at_face) = compare(&grid, &view, &levels, &one, 4.0);
-                assert!(same > 1000, "{}: {same}", bank.0);
-                assert!(
-                    differ == 0 && at_face * 3 < same,
-                    "{} {dims:?}: {same} {differ} {at_face}",
-                    bank.0
-                );
+                let reach = reach(&drawn, bank.0.degree());
+                let (same, differ) = compare(&grid, &view, &levels, &one, reach);
+                assert!(same > 800, "{} {dims:?}: {same} {differ} {reach:?}", bank.0);
+                // Where coarse lattices end with the domain, degrees 1 and 2 agree in every pixel.
+                assert!(dims != odd || bank.0.degree() == 3 || differ == 0, "{}: {differ}", bank.0);
             }
         }
-    }
-}
-
-#[test]
-fn no_ray_slips_through_a_border_of_levels() {
-    for (bank, kind) in BANKS {
-        let dims = if bank.degree() == 2 { [48, 32, 32] } else { [49, 33, 33] };
-        let grid = wavy(dims, DVec3::ONE);
-        let pyramid = Arc::new(Pyramid::new(&grid, bank).unwrap());
-        let selection = stepped(&pyramid);
-        let mut levels = Multiresolution::new(pyramid.clone(), Channels::T, 0).unwrap();
-        levels.set_surfaces(&[Surface::isovalue(0.3, 0)]).unwrap();
-        levels.select(&selection).unwrap();
-        let mut adaptive = Adaptive::new(pyramid);
-        adaptive.update(&selection, Extent::Whole);
-        let coefficients = adaptive.grid().unwrap();
-        let function = GridSpline::new(&coefficients, kind, Stage::Stored).unwrap();
-        let border = selection.drawn(0).iter().map(|c| c[0] + 1).max().unwrap() as f64 * 8.0;
-        let mut random = Random(99);
-        let domain = grid.domain();
-        let rays: Vec<Ray> = (0..60_000)
-            .map(|_| Ray {
-                origin: domain.world(DVec3::new(border - 3.0, 6.0, 6.0) + random.vector() * DVec3::new(6.0, 18.0, 18.0)),
-                direction: (random.vector() - 0.5).normalize(),
-            })
-            .collect();
-        let view = View::rays(rays.clone());
-        levels.render(&view, &Stop::default()).unwrap();
-        let mut changes = 0;
-        for (ray, &t) in rays.iter().zip(&levels.frame().t) {
-            let at = |t: f64| function.value(ray.at(t)) - 0.3;
-            let first = at(0.0);
-            if first.abs() < 1e-4 {
-                continue;
-            }
-            let Some(end) = (1..=12)
-                .map(|i| f64::from(i) * 0.25)
-                .find(|&t| at(t) * first.signum() < -1e-4)
-            else {
-                continue;
-            };
-            changes += 1;
-            assert!(t <= end, "{kind}: a sign changes before {end} on {ray:?}, the hit is at {t}");
-            assert!(at(t).abs() < 1e-4, "{kind}: {} at the hit {t} of {ray:?}", at(t));
-        }
-        assert!(changes > 10_000, "{changes}");
     }
 }
 
@@ -210,6 +218,7 @@ fn views_draw_what_is_far_at_coarser_levels_with_fewer_bricks() {
         let met: usize = levels.levels().map(|l| l.2).sum();
         assert!(met <= last && met > 0, "{met} at {epsilon}, {last} before");
         last = met;
+        assert!(levels.cells() > 0);
         let hits = levels.frame().t.iter().filter(|t| t.is_finite()).count();
         assert!(hits > 3000 && levels.tiles() > 0, "{hits}");
     }
@@ -263,4 +272,66 @@ fn flat_cells_are_drawn() {
     let hits = |f: &Frame| f.t.iter().filter(|t| t.is_finite()).count();
     let (a, b) = (hits(&levels), hits(&one));
     assert!(b > 300 && a.abs_diff(b) * 20 < b, "{a} {b}");
+}
+
+/// What a frame draws does not depend on what was selected before: lattices that are kept are those that would be made.
+#[test]
+fn frames_are_those_of_fresh_selections() {
+    let grid = wavy([60, 33, 24], DVec3::ONE);
+    let pyramid = Arc::new(Pyramid::new(&grid, Bank::Psi42).unwrap());
+    let view = View::fit(grid.domain().world_bounds(), 40.0, 80, 60);
+    let fresh = || {
+        let mut levels = Multiresolution::new(pyramid.clone(), CHANNELS, 2).unwrap();
+        levels.set_surfaces(&[Surface::isovalue(0.3, 0)]).unwrap();
+        levels
+    };
+    let mut kept = fresh();
+    for near in [1, 2, 2, 1, 3, 0] {
+        let selection = Selection::by(&pyramid, |n| n.level > 1 || n.chunk[0] < near << (1 - n.level));
+        kept.select(&selection).unwrap();
+        kept.render(&view, &Stop::default()).unwrap();
+        let mut other = fresh();
+        other.select(&selection).unwrap();
+        other.render(&view, &Stop::default()).unwrap();
+        assert_eq!(kept.frame(), other.frame(), "{near}");
+        assert!(kept.levels().eq(other.levels()));
+    }
+}
+
+/// Pieces of coarser levels are seen no wider than was asked for.
+#[test]
+fn levels_are_chosen_by_the_width_of_their_pieces() {
+    let grid = wavy([97, 65, 65], DVec3::splat(0.5));
+    let pyramid = Pyramid::new(&grid, Bank::Psi42).unwrap();
+    let view = View::perspective(
+        DVec3::new(-20.0, 18.0, 17.0),
+        DVec3::new(20.0, 16.0, 16.0),
+        DVec3::Z,
+        40.0,
+        640,
+        480,
+    );
+    let mut last = usize::MAX;
+    for pixels in [1.0, 4.0, 9.0, 30.0] {
+        let selection = Selection::new(&pyramid, &Criteria::pixels(&view, pixels).unwrap());
+        let eye = DVec3::new(-20.0, 18.0, 17.0);
+        let domain = grid.domain();
+        for (l, bricks) in selection.bricks(&pyramid).iter().enumerate().skip(1) {
+            let size = (4 << l) as f64;
+            for brick in bricks.iter() {
+                let lo = DVec3::from_array(brick.map(|b| b as f64 * size));
+                let nearest = domain.local(eye).clamp(lo, (lo + size).min(domain.hi));
+                let width = 0.5 * (1 << l) as f64 / view.footprint(eye.distance(domain.world(nearest)));
+                // Nodes that the domain cuts are smaller than their level's.
+                let whole = (0..3).all(|a| lo[a] + size <= domain.hi[a]);
+                assert!(!whole || width <= pixels * (1.0 + 1e-9), "{width} of {pixels} at level {l}");
+            }
+        }
+        assert!(
+            selection.count() <= last && (pixels < 9.0 || selection.count() < last),
+            "{pixels}"
+        );
+        last = selection.count();
+    }
+    assert!(Criteria::pixels(&View::rays(vec![view.ray(0, 0)]), 2.0).is_none());
 }
