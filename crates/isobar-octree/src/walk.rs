@@ -220,7 +220,8 @@ pub(crate) fn ends(d: [f64; 3], [t0, t1]: [f64; 2], e: f64, of: impl Fn(f64) -> 
         return f64::INFINITY;
     }
     let most = d[0].abs().max(d[1].abs()).max(d[2].abs());
-    6.0 * (t0 - first).max(last - t1) * most
+    // At an edge of the domain the inner distance can be the larger one: another plane decides there.
+    6.0 * (t0 - first).max(last - t1).max(late - t0).max(t1 - early) * most
 }
 
 impl Walk {

@@ -205,7 +205,8 @@ impl Walk {
                 let (late, early) = inside(-error, Side::Inner);
                 // What is not a number is not `<=`.
                 if late <= early {
-                    (t0 - first).max(last - t1) * most
+                    // At an edge of the domain the inner distance can be the larger one: another plane decides there.
+                    (t0 - first).max(last - t1).max(late - t0).max(t1 - early) * most
                 } else {
                     f64::INFINITY
                 }

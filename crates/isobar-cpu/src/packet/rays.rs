@@ -410,9 +410,12 @@ impl Rays {
             last.store(&mut self.end[b]);
             let outside = first.above(last);
             let surely = grown_first.above(grown_last);
+            // Outwards and inwards: at an edge of the domain another plane may decide there.
             let ends = first
                 .sub(grown_first)
                 .max(grown_last.sub(last))
+                .max(shrunk_first.sub(first))
+                .max(last.sub(shrunk_last))
                 .mul(fastest)
                 .mul(S::splat(D::STEEPEST));
             let doubtful = shrunk_first.above(shrunk_last) | ends.above(S::splat(most));
