@@ -1,4 +1,4 @@
-// The medium, a workgroup for 8 x 8 pixels: the cells of these, front to back, set up side by side and then met by every ray; sections 2 to 4 and 10 of Roettger, Kraus, Ertl 2000. Entry,
+// The medium of a band of the image, a workgroup for 8 x 8 pixels, so many cells a pass that no device's limit of loop turns is met; what a pass leaves is where the next goes on. In a pass: the cells of these, front to back, set up side by side and then met by every ray; sections 2 to 4 and 10 of Roettger, Kraus, Ertl 2000. Entry,
 // exit and the values there are those of the ray in perspective too; a stay is cut at the hits of the pixel, as in volume.rs.
 
 struct Table {
@@ -9,9 +9,10 @@ struct Table {
     planar: u32,
     // Nodes per length, or 1 over the length.
     length: f32,
-    unused_a: u32,
-    unused_b: u32,
-    unused_c: u32,
+    // The first row of squares of the band; the cells of each square that passes before went through, and how many this one takes.
+    row: u32,
+    passed: u32,
+    most: u32,
 }
 
 struct Cell {
@@ -30,9 +31,10 @@ struct Cell {
 // Of each square where its cells begin, and the end; then the cells.
 @group(0) @binding(5) var<storage, read> starts: array<u32>;
 @group(0) @binding(6) var<storage, read> listed: array<u32>;
-// Of each pixel where its hits begin, and the end; then depth, colour and minus the opacity of each.
-@group(0) @binding(7) var<storage, read> hit_starts: array<u32>;
+// Of each pixel which of its hits is next, and the end; then depth, colour and minus the opacity of each.
+@group(0) @binding(7) var<storage, read_write> hit_ranges: array<vec2<u32>>;
 @group(0) @binding(8) var<storage, read> hits: array<f32>;
+// Premultiplied colour and transmittance.
 @group(0) @binding(9) var<storage, read_write> image: array<vec4<f32>>;
 
 // A cell of a cycle, and the first of those of one cycle.
@@ -242,20 +244,25 @@ fn keep() -> vec2<f32> {
 @compute @workgroup_size(8, 8)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) local: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let square = group.y * view.columns + group.x;
+    let last = starts[square + 1u];
+    let first = starts[square] + table.passed;
+    if table.passed != 0u && first >= last {
+        return;
+    }
+    let end_of_pass = min(last, first + table.most);
     let x = group.x * 8u + local.x;
-    let y = group.y * 8u + local.y;
+    let y = (table.row + group.y) * 8u + local.y;
     let width = u32(view.width);
     let drawn = x < width && y < u32(view.height);
-    let pixel = select(0u, y * width + x, drawn);
+    let pixel = select(0u, (group.y * 8u + local.y) * width + x, drawn);
     ray = pixel_vector(vec2(f32(x), f32(y)) + 0.5);
     stretch = select(length(ray), 1.0, view.parallel != 0u);
     kept = keep();
-    colour = vec4(0.0, 0.0, 0.0, 1.0);
-    next = hit_starts[pixel];
-    end = hit_starts[pixel + 1u];
-    let last = starts[square + 1u];
-    for (var begin = starts[square]; begin < last; begin += BATCH) {
-        let count = min(BATCH, last - begin);
+    colour = select(image[pixel], vec4(0.0, 0.0, 0.0, 1.0), table.passed == 0u);
+    next = hit_ranges[pixel].x;
+    end = hit_ranges[pixel].y;
+    for (var begin = first; begin < end_of_pass; begin += BATCH) {
+        let count = min(BATCH, end_of_pass - begin);
         workgroupBarrier();
         if lane < count && (listed[begin + lane] & MEMBER) == 0u {
             batch[lane] = set_up(listed[begin + lane]);
@@ -273,14 +280,18 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) l
                     blend(&c, depths);
                 }
             } else if (code & FIRST) != 0u {
+                // All of the cycle, wherever the pass ends.
                 walk(begin + i, last);
             }
         }
     }
-    while next < end {
-        add_hit();
+    if end_of_pass == last {
+        while next < end {
+            add_hit();
+        }
     }
     if drawn {
-        image[pixel] = vec4(colour.xyz, 1.0 - colour.w);
+        image[pixel] = colour;
+        hit_ranges[pixel].x = next;
     }
 }

@@ -7,32 +7,45 @@
 //! classify, clip and measure at once, for every projection class including all degenerate ones.
 
 use crate::camera::Projection;
+use crate::lanes::prefetch;
 use crate::mesh::Cells;
 use rayon::prelude::*;
 
-/// The points of a mesh on the screen of a view: pixels right, pixels down (times depth in perspective), depth.
+/// A point on the screen of a view: pixels right, pixels down (times depth in perspective), depth; and its value, so that cells find all of a corner in one place.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(32))]
+pub(crate) struct Point {
+    pub(crate) at: [f64; 3],
+    pub(crate) value: f64,
+}
+
+/// The points of a mesh on the screen of a view.
 #[derive(Debug)]
 pub(crate) struct Screen {
     pub(crate) projection: Projection,
-    pub(crate) points: Vec<[f64; 3]>,
+    pub(crate) points: Vec<Point>,
     /// Pixel coordinates; NaN near and behind the eye plane.
     pixels: Vec<[f32; 2]>,
 }
 
 impl Screen {
     pub(crate) fn new(mesh: &Cells, projection: Projection) -> Self {
-        let points: Vec<[f64; 3]> = mesh
+        let points: Vec<Point> = mesh
             .mesh
             .points
             .par_iter()
+            .zip(&mesh.mesh.values[..])
             .with_min_len(4096)
-            .map(|&p| projection.rows.map(|r| r.dot(p - projection.eye)))
+            .map(|(&p, &value)| Point {
+                at: projection.rows.map(|r| r.dot(p - projection.eye)),
+                value: f64::from(value),
+            })
             .collect();
         let first = projection.first_pixel();
         let pixels = points
             .par_iter()
             .with_min_len(4096)
-            .map(|&[x, y, z]| {
+            .map(|&Point { at: [x, y, z], .. }| {
                 let near = Projection::NEAR * (z.abs() + mesh_scale(x, y, &projection));
                 let one = match projection.perspective {
                     false => 1.0,
@@ -49,6 +62,14 @@ impl Screen {
         }
     }
 
+    /// Asks for what [`Self::bounds`] needs of a cell.
+    #[inline(always)]
+    pub(crate) fn prefetch(&self, cell: &[u32; 4]) {
+        for &i in cell {
+            prefetch(&self.pixels, i);
+        }
+    }
+
     /// First and last column and row of the pixels a cell may cover; `None` without any.
     #[inline(always)]
     pub(crate) fn bounds(&self, cell: &[u32; 4]) -> Option<[i32; 4]> {
@@ -57,7 +78,7 @@ impl Screen {
         let sum = p[0][0] + p[1][0] + p[2][0] + p[3][0];
         if sum.is_nan() {
             // Across the eye plane: anywhere, unless all is behind it.
-            let ahead = cell.iter().any(|&i| self.points[i as usize][2] > 0.0);
+            let ahead = cell.iter().any(|&i| self.points[i as usize].at[2] > 0.0);
             return ahead.then_some([0, w as i32, 0, h as i32]);
         }
         let range = |k: usize, most: f32| {
@@ -72,7 +93,7 @@ impl Screen {
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        self.points.len() * 32
+        self.points.len() * (size_of::<Point>() + 8)
     }
 }
 
@@ -292,7 +313,7 @@ mod tests {
             height: 2.0,
         };
         let (cells, s) = screen(&[DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z], camera);
-        let h = cells.cells[0].map(|i| s.points[i as usize]);
+        let h = cells.cells[0].map(|i| s.points[i as usize].at);
         let c = CellOnScreen::new(false, &h, &cells.values(0));
         let stay = c.stay(false, 0.0, 0.0).unwrap();
         assert!((stay.to - stay.from - 0.5).abs() < 1e-15 && (stay.from - 2.5).abs() < 1e-15);
@@ -349,7 +370,7 @@ mod tests {
                         }
                     };
                     let (cells, s) = screen(&points, camera.clone());
-                    let h = cells.cells[0].map(|i| s.points[i as usize]);
+                    let h = cells.cells[0].map(|i| s.points[i as usize].at);
                     let c = CellOnScreen::new(perspective, &h, &cells.values(0));
                     classes[c.entries] += 1;
                     let view = View {

@@ -317,6 +317,74 @@ fn the_medium_is_cut_at_planes() {
     }
 }
 
+/// The tables in f32 (`stays.rs`) and in f64 (`volume.rs`), which a plane that cuts nothing asks for: media alone, under glass and around opaque surfaces, in a cycle, in a mesh with gaps, and a million
+/// sizes away.
+#[test]
+fn f32_gives_the_colours_of_f64() {
+    let data = synthetic("marschner-lobb,n=14,as=tets");
+    let Data::Tets(mesh) = &*data else { panic!("a mesh") };
+    let away = DVec3::new(1e6, -2e6, 5e5);
+    let points: Vec<DVec3> = mesh.points.iter().map(|p| *p + away).collect();
+    let far = Arc::new(Data::Tets(
+        TetMesh::new(points.into(), mesh.cells.clone(), mesh.values.clone()).unwrap(),
+    ));
+    let mut scenes: Vec<(String, Scene)> = vec![("a cycle".into(), cycle())];
+    for (name, view) in views() {
+        for surfaces in [vec![], glass(&[(0.5, 0.4), (0.3, 0.3)]), glass(&[(0.5, 1.0)])] {
+            let scene = |data: &Arc<Data>, view: View| Scene {
+                data: data.clone(),
+                surfaces: surfaces.clone(),
+                transfer: smooth((0.0, 1.0), 2.0),
+                view,
+            };
+            scenes.push((format!("{name}, {} surfaces", surfaces.len()), scene(&data, view.clone())));
+            if let Camera::Orthographic { eye, target, up, height } = view.camera {
+                let (eye, target) = (eye + away, target + away);
+                let camera = Camera::Orthographic { eye, target, up, height };
+                scenes.push((format!("{name}, away"), scene(&far, View { camera, ..view.clone() })));
+            }
+        }
+    }
+    // Seen from a million sizes away.
+    let from_afar = View::perspective(DVec3::new(2e6, 1.5e6, 1.7e6), DVec3::ZERO, DVec3::Z, 5e-5, 61, 43);
+    scenes.push((
+        "from afar".into(),
+        Scene {
+            data: data.clone(),
+            surfaces: vec![],
+            transfer: smooth((0.0, 1.0), 2.0),
+            view: from_afar,
+        },
+    ));
+    for (name, mut scene) in scenes {
+        for integration in ["table2d", "table3d"] {
+            let knobs = Knobs::default().with("integration", integration);
+            let fast = frame(&scene, knobs.clone());
+            scene.view.clips = vec![ClipPlane {
+                normal: DVec3::X,
+                distance: 1e9,
+                cap: false,
+            }];
+            let slow = frame(&scene, knobs);
+            scene.view.clips.clear();
+            assert_eq!(fast.0.t, slow.0.t);
+            let apart = |i: usize| {
+                (0..4)
+                    .map(|k| (fast.0.rgba[i][k] - slow.0.rgba[i][k]).abs())
+                    .fold(0.0, f32::max)
+            };
+            let mut all: Vec<f32> = (0..fast.0.rgba.len()).map(apart).collect();
+            all.sort_by(f32::total_cmp);
+            let (most, p99) = (all[all.len() - 1], all[all.len() * 99 / 100]);
+            let (a, b) = (count(&fast.1, "fragments"), count(&slow.1, "fragments"));
+            println!("{name}, {integration}: {p99:e}, {most:e}; {a} and {b} stays");
+            assert!(p99 < 1e-4 && most < 2e-3, "{name}, {integration}: {p99} {most}");
+            assert!(fast.0.rgba.iter().any(|c| c[3] > 0.1), "{name}");
+            assert!(a.abs_diff(b) * 1000 <= b, "{name}: {a} {b}");
+        }
+    }
+}
+
 /// The paper's appendix: a transfer function that is 0 but for a steep peak of unbounded height at the isovalue gives the isosurface, alpha = H H whatever the length.
 #[test]
 fn a_dirac_transfer_function_is_the_isosurface() {

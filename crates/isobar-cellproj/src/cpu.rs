@@ -236,7 +236,7 @@ impl Cellproj {
             level: self.level,
             stop,
         };
-        let image = self.pool.install(|| draw.run());
+        let image = self.pool.install(|| draw.run())?;
         if stop.is_raised() {
             return Err(RenderError::Stopped);
         }
@@ -364,7 +364,7 @@ impl Renderer for Cellproj {
                 let rays = view.generator();
                 for (x, y) in tile.pixels() {
                     let (roots, covered, rgba) = image.pixel(x, y);
-                    write.coloured(&rays.ray(x, y), (x, y), roots, covered, rgba);
+                    write.coloured(&rays, (x, y), roots, covered, rgba);
                 }
                 return;
             }

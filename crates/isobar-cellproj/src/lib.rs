@@ -18,6 +18,7 @@ mod exact;
 mod exterior;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod lanes;
 mod measure;
 mod medium;
 mod mesh;
@@ -28,6 +29,8 @@ mod paper;
 mod patch;
 mod raster;
 mod resolve;
+mod setup;
+mod stays;
 mod surfaces;
 mod tables;
 #[cfg(test)]

@@ -4,16 +4,19 @@ use crate::blocks::{AREA, Block, CellBins, SIDE};
 use crate::camera::Projection;
 use crate::cells::Screen;
 use crate::exterior;
+use crate::lanes::{self, LANES};
 use crate::measure::Lengths;
 use crate::medium::{Medium, Model};
 use crate::mesh::Cells;
 use crate::normals::Shading;
 use crate::order::Order;
 use crate::resolve::{Resolver, Root};
+use crate::setup::Units;
+use crate::stays;
 use crate::surfaces::{DrawTile, Gathered, Prepared, Work};
-use crate::tables::{Integrator, LANES, Table2, Table3};
+use crate::tables::{Integrator, Table, Table2, Table3};
 use crate::topology::Topology;
-use crate::volume::{Crossing, Crossings, DrawBlock, Scene, VolumeWork, groups};
+use crate::volume::{self, Crossing, Crossings, Scene, VolumeWork, groups};
 use glam::Vec4;
 use isobar_core::{Ray, RenderError, Stop, TransferFunction, View, shade};
 use isobar_cpu::scene::Isovalues;
@@ -176,7 +179,15 @@ pub(crate) struct Draw<'a> {
 }
 
 /// The points of a view on the screen and its cells front to back; to be called on the pool.
-pub(crate) fn arrange(mesh: &Cells, volume: &Volume, projection: Projection, sort: Sort) -> (Screen, Order, Counts) {
+///
+/// # Errors
+/// [`RenderError::Memory`], as [`CellBins::new`].
+pub(crate) fn arrange(
+    mesh: &Cells,
+    volume: &Volume,
+    projection: Projection,
+    sort: Sort,
+) -> Result<(Screen, Order, Counts), RenderError> {
     let screen = Screen::new(mesh, projection);
     let mut counts = Counts::default();
     let start = Instant::now();
@@ -187,7 +198,7 @@ pub(crate) fn arrange(mesh: &Cells, volume: &Volume, projection: Projection, sor
             let pairs = if topology.convex {
                 Vec::new()
             } else {
-                exterior::pairs(mesh, topology, &screen)
+                exterior::pairs(mesh, topology, &screen)?
             };
             counts.pairs = pairs.len();
             Order::visibility(mesh, topology, &projection, &pairs)
@@ -195,7 +206,7 @@ pub(crate) fn arrange(mesh: &Cells, volume: &Volume, projection: Projection, sor
     };
     counts.sorting = start.elapsed();
     (counts.cycles, counts.cells_in_cycles) = (order.groups.len(), order.in_cycles());
-    (screen, order, counts)
+    Ok((screen, order, counts))
 }
 
 /// The premultiplied colour of a hit and minus its opacity.
@@ -208,25 +219,31 @@ pub(crate) fn hit_colour(surfaces: &Isovalues, shading: Shading<'_>, mesh: &Cell
 
 impl Draw<'_> {
     /// Draws; to be called on the pool. `None` for lists of rays, which have no blocks.
-    pub(crate) fn run(&self) -> Option<Image> {
-        let projection = Projection::new(self.view)?;
-        let (screen, order, mut counts) = arrange(self.mesh, self.volume, projection, self.sort);
+    ///
+    /// # Errors
+    /// [`RenderError::Memory`], as [`CellBins::new`].
+    pub(crate) fn run(&self) -> Result<Option<Image>, RenderError> {
+        let Some(projection) = Projection::new(self.view) else {
+            return Ok(None);
+        };
+        let (screen, order, mut counts) = arrange(self.mesh, self.volume, projection, self.sort)?;
         let visible = &self.filled.visible;
-        let bins = CellBins::new(self.mesh, &screen, &order.cells, |c| visible[c as usize]);
+        let bins = CellBins::new(self.mesh, &screen, &order.cells, |c| visible[c as usize])?;
         counts.entries = bins.len();
         let image = match &self.filled.lookup {
-            Lookup::Table3(t) => self.blocks(&screen, &bins, &order, t),
-            Lookup::Table2(t) => self.blocks(&screen, &bins, &order, t),
-            Lookup::Exact(m) => self.blocks(&screen, &bins, &order, m),
+            Lookup::Table3(t) => self.tabled(&screen, &bins, &order, t),
+            Lookup::Table2(t) => self.tabled(&screen, &bins, &order, t),
+            Lookup::Exact(m) => self.exactly(&screen, &bins, &order, m),
         };
-        Some(Image {
+        Ok(Some(Image {
             counts,
             bytes: screen.bytes() + bins.bytes() + order.bytes() + image.blocks.len() * SIDE * SIDE * 28,
             ..image
-        })
+        }))
     }
 
-    fn blocks<I: Integrator>(&self, screen: &Screen, bins: &CellBins, order: &Order, integrator: &I) -> Image {
+    /// In f64: each stay by itself, planes, and orders that have to be checked.
+    fn exactly<I: Integrator>(&self, screen: &Screen, bins: &CellBins, order: &Order, integrator: &I) -> Image {
         let groups = groups(order);
         let scene = Scene {
             mesh: self.mesh,
@@ -235,9 +252,45 @@ impl Draw<'_> {
             groups: &groups,
             integrator,
         };
-        let all: Vec<Block> = Block::all(&screen.projection).collect();
-        // Runs are short and texels are gathered one by one: 512-bit lanes took 15 % more time here.
+        // Runs are short: 512-bit lanes took 15 % more time here.
         let level = Level::best(self.level.min(Level::Avx2));
+        self.blocks(screen, |block, crossings| {
+            level.run(volume::DrawBlock {
+                scene: &scene,
+                block,
+                crossings,
+            })
+        })
+    }
+
+    /// By a table.
+    fn tabled<T: Table>(&self, screen: &Screen, bins: &CellBins, order: &Order, table: &T) -> Image {
+        if self.sort == Sort::Centroids || !self.view.clips.is_empty() {
+            return self.exactly(screen, bins, order, table);
+        }
+        let groups = groups(order);
+        let scene = Scene {
+            mesh: self.mesh,
+            screen,
+            bins,
+            groups: &groups,
+            integrator: table,
+        };
+        let units = Units::new(&screen.projection, self.mesh.bounds, table.axis());
+        self.blocks(screen, |block, crossings| {
+            let draw = stays::DrawBlock {
+                scene: &scene,
+                units: &units,
+                level: self.level,
+                block,
+                crossings,
+            };
+            lanes::run(self.level, draw)
+        })
+    }
+
+    fn blocks(&self, screen: &Screen, draw: impl Fn(Block, &Crossings) -> (Vec<[f32; 4]>, VolumeWork) + Sync) -> Image {
+        let all: Vec<Block> = Block::all(&screen.projection).collect();
         self.stop.begin(all.len() as u64);
         let drawn: Vec<(BlockImage, Work, VolumeWork)> = all
             .par_iter()
@@ -250,11 +303,7 @@ impl Draw<'_> {
                 }
                 let work = self.hits(block, &mut hits);
                 let crossings = self.crossings(screen, block, &hits);
-                let (colour, volume) = level.run(DrawBlock {
-                    scene: &scene,
-                    block,
-                    crossings: &crossings,
-                });
+                let (colour, volume) = draw(block, &crossings);
                 self.stop.step();
                 (BlockImage { hits, colour }, work, volume)
             })

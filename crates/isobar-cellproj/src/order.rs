@@ -8,6 +8,7 @@
 //! A face seen edge-on within rounding gives no relation: the two cells then share no more of the screen than that.
 
 use crate::camera::Projection;
+use crate::lanes::prefetch;
 use crate::mesh::Cells;
 use crate::topology::{NONE, Topology};
 use glam::DVec3;
@@ -21,6 +22,9 @@ pub(crate) struct Order {
     /// Places in `cells` of cells that hide each other in a cycle.
     pub(crate) groups: Vec<Range<u32>>,
 }
+
+/// Cells between fetching what is told of one and asking for it.
+const AHEAD: usize = 8;
 
 /// How a cell lies to the neighbour behind one of its faces: two bits.
 const BEHIND_IT: u8 = 1;
@@ -166,23 +170,26 @@ impl Order {
             cells: Vec::with_capacity(n),
             groups: Vec::new(),
         };
-        let mut stack = Vec::new();
-        for start in 0..n {
-            if before[start] != 0 {
-                continue;
+        // First come, first served: cells that lie together in memory stay so in the order, which those who follow it gain by.
+        for (i, before) in before.iter_mut().enumerate().filter(|(_, b)| **b == 0) {
+            *before = u32::MAX;
+            out.cells.push(i as u32);
+        }
+        let mut next = 0;
+        while let Some(&i) = out.cells.get(next) {
+            next += 1;
+            if let Some(&ahead) = out.cells.get(next + AHEAD) {
+                prefetch(&graph.relations, ahead);
+                prefetch(&topology.neighbours, ahead);
             }
-            before[start] = u32::MAX;
-            stack.push(start as u32);
-            while let Some(i) = stack.pop() {
-                out.cells.push(i);
-                graph.behind(i as usize, |j| {
-                    before[j] -= 1;
-                    if before[j] == 0 {
-                        before[j] = u32::MAX;
-                        stack.push(j as u32);
-                    }
-                });
-            }
+            let cells = &mut out.cells;
+            graph.behind(i as usize, |j| {
+                before[j] -= 1;
+                if before[j] == 0 {
+                    before[j] = u32::MAX;
+                    cells.push(j as u32);
+                }
+            });
         }
         if out.cells.len() < n {
             out.rest(&graph, |i| before[i] != u32::MAX);

@@ -178,7 +178,28 @@ impl Write<'_, '_> {
     }
 
     /// A pixel whose colour is known: surfaces and medium together.
-    pub(crate) fn coloured(&mut self, ray: &Ray, (x, y): (usize, usize), roots: &[Root], covered: u32, rgba: [f32; 4]) {
+    pub(crate) fn coloured(
+        &mut self,
+        rays: &RayGenerator<'_>,
+        (x, y): (usize, usize),
+        roots: &[Root],
+        covered: u32,
+        rgba: [f32; 4],
+    ) {
+        if roots.is_empty() {
+            let pixel = Pixel {
+                claim: self.claim(roots),
+                rgba,
+                work: covered,
+                ..Pixel::default()
+            };
+            return self.out.set_pixel(x, y, &pixel);
+        }
+        self.hits_coloured(&rays.ray(x, y), (x, y), roots, covered, rgba);
+    }
+
+    /// The same with hits, on their ray.
+    fn hits_coloured(&mut self, ray: &Ray, (x, y): (usize, usize), roots: &[Root], covered: u32, rgba: [f32; 4]) {
         for (layer, root) in roots.iter().enumerate().take(self.out.layers()) {
             let error = if layer == 0 { widest(roots) } else { root.error };
             let hit = self.hit(ray, root, error);
@@ -225,7 +246,7 @@ impl Emit for Write<'_, '_> {
             } else {
                 [0.0; 4]
             };
-            return self.coloured(ray, (x, y), roots, covered, rgba);
+            return self.hits_coloured(ray, (x, y), roots, covered, rgba);
         }
         let claim = self.claim(roots);
         let hits = |i: usize| self.hit(ray, &roots[i], if i == 0 { widest(roots) } else { roots[i].error });

@@ -8,15 +8,13 @@
 //!
 //! Nodes lie at both ends of every axis.
 
+use crate::lanes::{Eight, LANES};
 use crate::medium::Medium;
 use glam::Vec4;
 use rayon::prelude::*;
 
 /// Premultiplied colour and minus the opacity.
 pub(crate) type Texel = Vec4;
-
-/// Stretches integrated side by side.
-pub(crate) const LANES: usize = 8;
 
 /// How a stretch is integrated, in two steps, of which the first is taken for all lanes at once.
 pub(crate) trait Integrator: Sync {
@@ -33,6 +31,44 @@ pub(crate) trait Integrator: Sync {
     fn stretch(&self, front: f64, back: f64, l: f64) -> Texel {
         self.at(&self.places(&[front; LANES], &[back; LANES], &[l; LANES]), 0)
     }
+}
+
+/// A table looked up in f32.
+pub(crate) trait Table: Integrator {
+    /// The value of the first node and nodes per value.
+    fn axis(&self) -> (f64, f64);
+
+    /// Units of length per world length.
+    fn per_length(&self) -> f64;
+
+    /// Where stretches of length `length` (in units) between values `front` and `back`, in nodes inside the table, are looked up; the lanes `covered` count.
+    fn spots<F: Eight>(&self, front: F, back: F, length: F, covered: u32) -> Spots<'_>;
+
+    /// Premultiplied colour and minus the opacity of lane `i`.
+    fn texel<F: Eight>(spots: &Spots<'_>, i: usize) -> Texel;
+
+    /// Both steps for one stretch.
+    fn one<F: Eight>(&self, front: f32, back: f32, length: f32) -> Texel {
+        Self::texel::<F>(&self.spots(F::splat(front), F::splat(back), F::splat(length), 1), 0)
+    }
+}
+
+/// The first of the texels around each lane's stretch, the shares of those next to it along each axis (the last is the length in the 2D table), and whether the opacity of some lane may
+/// exceed 1.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Spots<'a> {
+    texels: &'a [Texel],
+    nodes: usize,
+    first: [u32; LANES],
+    shares: [[f32; LANES]; 3],
+    dense: bool,
+}
+
+/// The node before each number of nodes, not the last, and the share of the next.
+#[inline(always)]
+fn split<F: Eight>(x: F, last: F) -> (F, F) {
+    let node = x.floor().min(last);
+    (node, x.sub(node))
 }
 
 /// Each fragment by itself, to rounding.
@@ -202,11 +238,52 @@ impl Integrator for Table3 {
     }
 }
 
+impl Table for Table3 {
+    fn axis(&self) -> (f64, f64) {
+        (self.value.from, self.value.per)
+    }
+
+    fn per_length(&self) -> f64 {
+        self.length.per
+    }
+
+    #[inline(always)]
+    fn spots<F: Eight>(&self, front: F, back: F, length: F, _: u32) -> Spots<'_> {
+        // Numbers of texels are below 2^24, which f32 has.
+        let (n, last) = (F::splat(self.value.nodes as f32), F::splat((self.value.nodes - 2) as f32));
+        let most = F::splat((self.value.nodes - 1) as f32);
+        let length = length.max(F::splat(0.0)).min(most);
+        let ((i, u), (j, v), (k, w)) = (split(front, last), split(back, last), split(length, last));
+        let mut shares = [[0.0; LANES]; 3];
+        u.store(&mut shares[0]);
+        v.store(&mut shares[1]);
+        w.store(&mut shares[2]);
+        Spots {
+            texels: &self.texels,
+            nodes: self.value.nodes,
+            first: k.mul(n).add(j).mul(n).add(i).whole(),
+            shares,
+            dense: false,
+        }
+    }
+
+    #[inline(always)]
+    fn texel<F: Eight>(spots: &Spots<'_>, i: usize) -> Texel {
+        let (n, i) = (spots.nodes, i % LANES);
+        let (at, u, v, w) = (spots.first[i], spots.shares[0][i], spots.shares[1][i], spots.shares[2][i]);
+        let near = F::between(spots.texels, at, n, u, v);
+        let far = F::between(spots.texels, at + (n * n) as u32, n, u, v);
+        mix(near, far, w)
+    }
+}
+
 /// The 2D table.
 #[derive(Debug)]
 pub(crate) struct Table2 {
     value: Axis,
-    per_length: f32,
+    per_length: f64,
+    /// The greatest opacity of a texel.
+    densest: f32,
     texels: Vec<Texel>,
 }
 
@@ -214,14 +291,15 @@ impl Table2 {
     /// `nodes` along each axis, integrated over the `average` length.
     pub(crate) fn new(medium: &Medium, range: (f64, f64), average: f64, nodes: usize) -> Self {
         let value = Axis::new(range.0, range.1, nodes);
-        let texels = (0..nodes * nodes)
+        let texels: Vec<Texel> = (0..nodes * nodes)
             .into_par_iter()
             .with_min_len(nodes)
             .map(|i| medium.stretch(value.value(i % nodes), value.value(i / nodes), average))
             .collect();
         Self {
             value,
-            per_length: (1.0 / average) as f32,
+            per_length: 1.0 / average,
+            densest: texels.iter().fold(0.0, |m, t| m.max(-t.w)),
             texels,
         }
     }
@@ -233,7 +311,7 @@ impl Table2 {
             from: self.value.from,
             per: self.value.per,
             nodes: self.value.nodes,
-            length: f64::from(self.per_length),
+            length: self.per_length,
         }
     }
 
@@ -252,7 +330,7 @@ impl Integrator for Table2 {
         let (mut first, mut lengths) = ([0; LANES], [0.0; LANES]);
         for lane in 0..LANES {
             first[lane] = j[lane] * n + i[lane];
-            lengths[lane] = l[lane] as f32 * self.per_length;
+            lengths[lane] = (l[lane] * self.per_length) as f32;
         }
         Texels {
             first,
@@ -267,6 +345,46 @@ impl Integrator for Table2 {
         let t: &[Texel] = &self.texels[at..at + n + 2];
         let texel = mix(mix(t[0], t[1], u), mix(t[n], t[n + 1], u), v);
         let factor = if l * -texel.w > 1.0 { -1.0 / texel.w } else { l };
+        texel * factor
+    }
+}
+
+impl Table for Table2 {
+    fn axis(&self) -> (f64, f64) {
+        (self.value.from, self.value.per)
+    }
+
+    fn per_length(&self) -> f64 {
+        self.per_length
+    }
+
+    #[inline(always)]
+    fn spots<F: Eight>(&self, front: F, back: F, length: F, covered: u32) -> Spots<'_> {
+        let (n, last) = (F::splat(self.value.nodes as f32), F::splat((self.value.nodes - 2) as f32));
+        let ((i, u), (j, v)) = (split(front, last), split(back, last));
+        let mut shares = [[0.0; LANES]; 3];
+        u.store(&mut shares[0]);
+        v.store(&mut shares[1]);
+        length.store(&mut shares[2]);
+        Spots {
+            texels: &self.texels,
+            nodes: self.value.nodes,
+            first: j.mul(n).add(i).whole(),
+            shares,
+            dense: length.mul(F::splat(self.densest)).above(F::splat(1.0)) & covered != 0,
+        }
+    }
+
+    #[inline(always)]
+    fn texel<F: Eight>(spots: &Spots<'_>, i: usize) -> Texel {
+        let i = i % LANES;
+        let (u, v, l) = (spots.shares[0][i], spots.shares[1][i], spots.shares[2][i]);
+        let texel = F::between(spots.texels, spots.first[i], spots.nodes, u, v);
+        let factor = if spots.dense && l * -texel.w > 1.0 {
+            -1.0 / texel.w
+        } else {
+            l
+        };
         texel * factor
     }
 }

@@ -6,9 +6,10 @@
 
 use crate::blocks::{AREA, Block, CellBins, SIDE};
 use crate::cells::{CellOnScreen, Screen};
+use crate::lanes::LANES;
 use crate::mesh::Cells;
 use crate::order::Order;
-use crate::tables::{Integrator, LANES};
+use crate::tables::Integrator;
 use glam::Vec4;
 use isobar_cpu::Kernel;
 use std::collections::HashMap;
@@ -17,7 +18,7 @@ use std::collections::HashMap;
 const STEPS: [f64; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 const BITS: [u64; LANES] = [1, 2, 4, 8, 16, 32, 64, 128];
 /// Transmittance below which what is behind cannot be seen: a tenth of a part in 2^16.
-const OPAQUE: f32 = 1.5e-6;
+pub(crate) const OPAQUE: f32 = 1.5e-6;
 
 /// A surface hit on a pixel, front to back.
 #[derive(Debug, Clone, Copy)]
@@ -321,7 +322,7 @@ impl Canvas {
         let (y0, y1) = ((y0 - by).max(0) as usize, (y1 - by).min(most) as usize);
         let values = job.scene.mesh.values(cell);
         let perspective = screen.projection.perspective;
-        let c = CellOnScreen::new(perspective, &corners.map(|i| screen.points[i as usize]), &values);
+        let c = CellOnScreen::new(perspective, &corners.map(|i| screen.points[i as usize].at), &values);
         let spans = c.spans(self.reach);
         self.work.cells += 1;
         for y in y0..=y1 {

@@ -1,7 +1,7 @@
 //! The renderer: what is kept between calls on the host and on the device.
 
 use super::device::{Mesh, Scene, Uniform};
-use super::medium::{self, Crossings, Image, Table};
+use super::medium::{self, Crossings, Image, Limits, Table};
 use super::surfaces::{Draw, Hits, Patches, Program, Targets, Texel};
 use super::{INFO, check_view};
 use crate::CELLPROJ_CPU;
@@ -90,11 +90,14 @@ pub(super) struct CellprojRenderer {
     targets: Option<Targets>,
     drawn: Option<Drawn>,
     prover: Option<Prover>,
+    /// Of the medium's passes.
+    pub(super) limits: Limits,
 }
 
 impl CellprojRenderer {
     pub(super) fn new(gpu: Gpu, request: &Request) -> Result<Self, RenderError> {
         let settings = Settings::new(&request.knobs)?;
+        let limits = Limits::new(&gpu);
         let mut new = Self {
             pool: Pool::new(request.threads)?,
             uniform: gpu.uniform("view", &Uniform::zeroed())?,
@@ -114,6 +117,7 @@ impl CellprojRenderer {
             targets: None,
             drawn: None,
             prover: None,
+            limits,
         };
         new.prover = new.prover(&settings)?;
         Ok(new)
@@ -225,12 +229,13 @@ impl CellprojRenderer {
                 scene: &drawn.scene,
                 uniform: &self.uniform,
                 settings: self.settings.medium,
+                limits: self.limits,
             };
             let hits = hits(prepared, surfaces, patches, &drawn);
             let shading = shading(prepared, self.settings.smooth);
             let image = self.pool.install(|| {
                 let crossings = Crossings::new(&hits, surfaces, shading, view.generator());
-                medium.run(&crossings)
+                medium.run(&crossings, stop)
             })?;
             device = device.zip(image.device).map(|(a, b)| a + b);
             drawn.image = Some(image);
@@ -389,7 +394,7 @@ impl Renderer for CellprojRenderer {
                 hits.roots(i, forward.dot(ray.direction), &mut roots);
                 let work = roots.len() as u32;
                 match &drawn.image {
-                    Some(image) => write.coloured(&ray, (x, y), &roots, work, image.rgba[i]),
+                    Some(image) => write.coloured(&rays, (x, y), &roots, work, image.rgba[i]),
                     None => write.pixel(&ray, x, y, &roots, work),
                 }
             }
@@ -453,6 +458,7 @@ impl Renderer for CellprojRenderer {
                 ("cycles", i.counts.cycles as u64),
                 ("cells in cycles", i.counts.cells_in_cycles as u64),
                 ("cells in squares", i.counts.entries as u64),
+                ("passes of the medium", i.passes),
                 ("microseconds of sorting", i.counts.sorting.as_micros() as u64),
             ]);
         }

@@ -5,6 +5,7 @@ use super::source;
 use crate::mesh::{ActiveCell, Cells};
 use crate::resolve::{Gradient, Root};
 use isobar_core::{RenderError, Stop};
+use isobar_cpu::require_memory;
 use isobar_gpu::{Gpu, Raster, RasterOptions, Target, wgpu};
 use std::time::Duration;
 
@@ -124,6 +125,9 @@ pub(super) struct Draw<'a> {
 
 impl Draw<'_> {
     /// Layers from front to back, each with a hit at least, and the device time.
+    ///
+    /// # Errors
+    /// [`RenderError::Memory`] before a layer for which the host has no room; [`RenderError::Stopped`]; [`RenderError::Device`].
     pub(super) fn run(&self, targets: &mut Targets, stop: &Stop) -> Result<(Vec<Vec<Texel>>, Option<Duration>), RenderError> {
         let mut device = self.gpu.report().timestamps.then_some(Duration::ZERO);
         let mut out: Vec<Vec<Texel>> = Vec::new();
@@ -139,6 +143,19 @@ impl Draw<'_> {
             if stop.is_raised() {
                 return Err(RenderError::Stopped);
             }
+            let layer_bytes = (targets.size.0 * targets.size.1 * size_of::<Texel>()) as u64;
+            // The layer as it is read and as it is kept.
+            require_memory(
+                || {
+                    format!(
+                        "layer {} of the hits of {} x {} pixels",
+                        layer + 1,
+                        targets.size.0,
+                        targets.size.1
+                    )
+                },
+                2 * layer_bytes,
+            )?;
             let view = self.scene.uniform.peeled(layer > 0);
             self.gpu.write(self.uniform, bytemuck::bytes_of(&view))?;
             let target = &targets.targets[layer % targets.targets.len()];

@@ -1,12 +1,13 @@
 //! `cellproj/gpu` against `cellproj/cpu`, every pixel, and against the oracle.
 
+use super::medium::Limits;
 use super::{INFO, SNIPPETS, source};
 use crate::colour_tests::{Scene, count, cycle, frame_of, glass, smooth, truth, views};
 use crate::tests::{fire, orthographic, synthetic};
 use crate::{CELLPROJ_CPU, CELLPROJ_GPU};
 use isobar_core::{
-    Camera, Channels, Claim, ClipPlane, DVec3, Data, Frame, Knobs, Method, RenderError, Request, Stage, Stop, Surface, TetMesh,
-    View,
+    Camera, Channels, Claim, ClipPlane, DVec3, Data, Frame, Knobs, Method, RenderError, Renderer, Request, Stage, Stop, Surface,
+    TetMesh, View,
 };
 use isobar_gpu::{Gpu, shader, test_adapter};
 use isobar_oracle::{Model, Truth, check};
@@ -302,6 +303,43 @@ fn a_cycle_is_resolved() {
     let exact = truth(&scene, &function, Model::VolumeDensity);
     let (d, e) = (exact.difference(&f).unwrap(), exact.difference(&cpu).unwrap());
     assert!((d.p99 - e.p99).abs() < 2e-3 && (d.mean - e.mean).abs() < 1e-3, "{d:?} {e:?}");
+}
+
+/// A frame in many passes and bands is, to the bit, the frame in one.
+#[test]
+fn passes_and_bands_make_no_difference() {
+    let Some(gpu) = test_adapter("passes_and_bands_make_no_difference") else {
+        return;
+    };
+    let glassy = Scene {
+        data: synthetic("marschner-lobb,n=10,as=tets"),
+        surfaces: glass(&[(0.5, 0.4), (0.3, 0.3)]),
+        transfer: smooth((0.0, 1.0), 2.0),
+        view: View::bench(61, 43),
+    };
+    for (name, scene) in [("glass", glassy), ("a cycle", cycle())] {
+        let mut r = super::renderer::CellprojRenderer::new(gpu.clone(), &Request::default()).unwrap();
+        r.set_data(&scene.data).unwrap();
+        r.set_surfaces(&scene.surfaces).unwrap();
+        r.set_medium(Some(&scene.transfer)).unwrap();
+        r.set_view(&scene.view).unwrap();
+        let mut draw = |limits: Option<Limits>| {
+            r.limits = limits.unwrap_or(r.limits);
+            r.render(&Stop::default()).unwrap();
+            let mut frame = Frame::default();
+            r.read(&mut frame).unwrap();
+            (frame, count(&r.counters(), "passes of the medium"))
+        };
+        let (whole, one) = draw(None);
+        assert_eq!(one, 1, "{name}");
+        assert!(whole.rgba.iter().any(|c| c[3] > 0.5));
+        // Cells in a pass, bytes in a binding: a row of squares holds 61 x 8 pixels, or 97 x 8.
+        for (cells, bytes, least) in [(1, 1 << 30, 2), (7, 20_000, 3), (4096, 1, 6)] {
+            let (parts, passes) = draw(Some(Limits { cells, bytes }));
+            assert!(passes >= least, "{name}: {passes}");
+            assert_eq!(parts.rgba, whole.rgba, "{name}: {cells} {bytes}");
+        }
+    }
 }
 
 #[test]

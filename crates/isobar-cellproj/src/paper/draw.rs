@@ -266,15 +266,28 @@ impl Canvas {
             (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         };
         let points = mesh.corners(p.cell);
-        let along = if frame.projection.perspective {
-            points[0] - frame.projection.eye
+        let gradient = Gradient::new(&points, &values);
+        // Rays meet the planes s = c in the order of their distance from where they start. All rays of an eye start at its value, and go on from there to greater values or to smaller ones;
+        // parallel rays come from infinitely far below or above.
+        let start = if frame.projection.perspective {
+            values[0] + gradient.scaled.dot(frame.projection.eye - points[0]) / gradient.volume
+        } else if gradient.scaled.dot(frame.projection.rows[2]) >= 0.0 {
+            f64::NEG_INFINITY
         } else {
-            frame.projection.rows[2]
+            f64::INFINITY
         };
-        let rising = Gradient::new(&points, &values).scaled.dot(along) >= 0.0;
-        let n = scene.isovalues.len();
-        for i in 0..n {
-            let (c, surface) = scene.isovalues[if rising { n - 1 - i } else { i }];
+        let mut left = 0..scene.isovalues.len();
+        while !left.is_empty() {
+            // Farthest first.
+            let (lowest, highest) = (scene.isovalues[left.start].0, scene.isovalues[left.end - 1].0);
+            let i = if highest > start && (lowest >= start || highest - start >= start - lowest) {
+                left.end -= 1;
+                left.end
+            } else {
+                left.start += 1;
+                left.start - 1
+            };
+            let (c, surface) = scene.isovalues[i];
             if values.iter().all(|v| *v < c) || values.iter().all(|v| *v >= c) {
                 continue;
             }
@@ -289,8 +302,9 @@ impl Canvas {
                 });
             }
             let scene_surface = &scene.surfaces[usize::from(surface)];
-            let [r, g, b] = scene_surface.colour;
-            let texel = Vec4::new(r, g, b, 1.0) * scene_surface.opacity.clamp(0.0, 1.0);
+            let opacity = scene_surface.opacity.clamp(0.0, 1.0);
+            let faces = [scene_surface.colour, scene.settings.inside.unwrap_or(scene_surface.colour)];
+            let texels = faces.map(|[r, g, b]| Vec4::new(r, g, b, 1.0) * opacity);
             for face in FACES.into_iter().filter(|f| turn(*f) > 0) {
                 self.work.triangles += 1;
                 fill(job.block, face.map(|i| at[i]), |pixel, _| {
@@ -301,7 +315,7 @@ impl Canvas {
                             count: 1,
                             weight: front_weight(front[0], back[0], c) as f32,
                         };
-                        self.blend(pixel, texel, p.light[1]);
+                        self.blend(pixel, texels[usize::from(front[0] > back[0])], p.light[1]);
                         self.mark(pixel, p.cell, mark, [front[1], back[1]]);
                     }
                 });

@@ -131,6 +131,7 @@ impl Textures {
         let making = Making {
             isovalues: &isovalues,
             surfaces: surfaces.all(),
+            inside: settings.inside,
             thickening: settings.thickening,
             fixed: settings.fixed,
         };
@@ -250,7 +251,7 @@ impl Paper {
             settings: &self.settings,
         };
         self.pool.install(|| {
-            let mut frame = scene::Frame::new(&make, projection);
+            let mut frame = scene::Frame::new(&make, projection)?;
             let start = Instant::now();
             let scene = DrawScene {
                 mesh: &mesh.cells,

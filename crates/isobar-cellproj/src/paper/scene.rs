@@ -4,7 +4,7 @@ use super::Settings;
 use super::fan::{Fan, GUARD, SUB};
 use crate::blocks::CellBins;
 use crate::camera::Projection;
-use crate::cells::Screen;
+use crate::cells::{Point, Screen};
 use crate::exterior;
 use crate::mesh::Cells;
 use crate::mixed::Sort;
@@ -12,7 +12,7 @@ use crate::order::Order;
 use crate::resolve::Gradient;
 use crate::topology::Topology;
 use glam::{DVec3, Vec3};
-use isobar_core::shade;
+use isobar_core::{RenderError, shade};
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -98,7 +98,10 @@ fn microseconds(start: Instant) -> u64 {
 
 impl Frame {
     /// To be called on the pool.
-    pub(crate) fn new(make: &Make<'_>, projection: Projection) -> Self {
+    ///
+    /// # Errors
+    /// [`RenderError::Memory`], as [`CellBins::new`].
+    pub(crate) fn new(make: &Make<'_>, projection: Projection) -> Result<Self, RenderError> {
         let mesh = make.mesh;
         let start = Instant::now();
         let screen = Screen::new(mesh, projection);
@@ -108,7 +111,7 @@ impl Frame {
                 let pairs = if make.topology.convex {
                     Vec::new()
                 } else {
-                    exterior::pairs(mesh, make.topology, &screen)
+                    exterior::pairs(mesh, make.topology, &screen)?
                 };
                 Order::visibility(mesh, make.topology, &projection, &pairs)
             }
@@ -120,23 +123,23 @@ impl Frame {
         let mut out = Self {
             projection,
             at: snapped(&screen),
-            depth: screen.points.par_iter().with_min_len(4096).map(|p| p[2]).collect(),
+            depth: screen.points.par_iter().with_min_len(4096).map(|p| p.at[2]).collect(),
             light: make.normals.map_or(Vec::new(), |n| lights(mesh, &projection, n)),
             cells: Vec::new(),
             slots: vec![NONE; mesh.cells.len()],
-            bins: CellBins::new(mesh, &screen, &[], |_| false),
+            bins: CellBins::new(mesh, &screen, &[], |_| false)?,
             classes: Classes::default(),
             parts: Parts::default(),
             cycles,
         };
         out.decompose(make, &order.cells);
-        out.bins = CellBins::new(mesh, &screen, &order.cells, |c| out.slots[c as usize] != NONE);
+        out.bins = CellBins::new(mesh, &screen, &order.cells, |c| out.slots[c as usize] != NONE)?;
         out.parts = Parts {
             sorting,
             decomposition: microseconds(start),
             drawing: 0,
         };
-        out
+        Ok(out)
     }
 
     fn decompose(&mut self, make: &Make<'_>, order: &[u32]) {
@@ -227,7 +230,7 @@ fn snapped(screen: &Screen) -> Vec<[i32; 2]> {
         .points
         .par_iter()
         .with_min_len(4096)
-        .map(|&[x, y, z]| {
+        .map(|&Point { at: [x, y, z], .. }| {
             let one = if p.perspective { 1.0 / z } else { 1.0 };
             let (x, y) = (x * one - first[0], y * one - first[1]);
             if z >= 0.0 && x.abs() < GUARD && y.abs() < GUARD {

@@ -42,6 +42,15 @@ pub(super) static INFO: MethodInfo = MethodInfo {
             },
         },
         KnobSpec {
+            name: "inside",
+            doc: "colour of an isosurface's face towards greater values (section 9), 65536 red + 256 green + blue; -1: that of its other face",
+            kind: KnobKind::Int {
+                default: -1,
+                min: -1,
+                max: 0xff_ffff,
+            },
+        },
+        KnobSpec {
             name: "volume",
             doc: "3D texture (section 3), 2D texture (section 4), linear opacity, or Stein's texture of the opacity (section 2)",
             kind: KnobKind::Choice(&["table2d", "table3d", "linear", "stein"]),
@@ -102,6 +111,8 @@ pub(super) struct Settings {
     pub(super) smooth: bool,
     pub(super) texture: usize,
     pub(super) thickening: f64,
+    /// The colour of faces towards greater values, if they have one of their own.
+    pub(super) inside: Option<[f32; 3]>,
     pub(super) volume: VolumeKind,
     pub(super) table: usize,
     pub(super) model: Model,
@@ -119,6 +130,9 @@ impl Settings {
             smooth: k.word("shading") == "smooth" && !stencil,
             texture: k.int("texture") as usize,
             thickening: k.float("thickening"),
+            inside: u32::try_from(k.int("inside"))
+                .ok()
+                .map(|rgb| [16, 8, 0].map(|bit| (rgb >> bit & 255) as f32 / 255.0)),
             volume: match k.word("volume") {
                 "table2d" => VolumeKind::Table2,
                 "table3d" => VolumeKind::Table3,

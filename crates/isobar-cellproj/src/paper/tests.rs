@@ -198,6 +198,81 @@ fn both_mixtures_are_near_the_integral() {
     of("stopped", "smooth");
 }
 
+/// Section 9: faces towards greater values have a colour of their own, by texture and by stencil.
+#[test]
+fn the_two_faces_of_a_surface_have_two_colours() {
+    let data = synthetic("gyroid,n=16,as=tets");
+    let surface = [Surface {
+        colour: [1.0, 0.0, 0.0],
+        ..Surface::isovalue(0.2, 0)
+    }];
+    for pairs in [
+        &[("texture", "1024"), ("shading", "flat")][..],
+        &[("texture", "1024")],
+        &[("isosurface", "stencil")],
+    ] {
+        let (one, _, _) = draw(&CELLPROJ_CPU_PAPER, (&data, &surface, None), &view(), knobs(pairs));
+        let two = knobs(pairs).with("inside", 0x00_00ff);
+        let (two, _, function) = draw(&CELLPROJ_CPU_PAPER, (&data, &surface, None), &view(), two);
+        assert_eq!(one.t, two.t);
+        let (mut outside, mut inside, mut wrong) = (0, 0, 0);
+        for i in (0..two.t.len()).filter(|&i| two.t[i].is_finite()) {
+            let ray = view().ray(i % 97, i / 97);
+            let [r, _, b, _] = two.rgba[i];
+            assert!(one.rgba[i][0] > 0.0 && one.rgba[i][2] == 0.0);
+            // Values rise along the ray: it comes from smaller ones.
+            let rising = function.gradient(two.point[i]).dot(ray.direction) > 0.0;
+            if rising {
+                outside += 1
+            } else {
+                inside += 1
+            }
+            wrong += usize::from((r > b) != rising);
+        }
+        // The place of a hit is that of its texel: near a face it may lie in the neighbouring cell.
+        assert!(
+            outside > 500 && inside > 500 && wrong * 50 < outside + inside,
+            "{outside} {inside} {wrong}"
+        );
+    }
+}
+
+/// The eye's own value lies between those of a cell's corners: rays come from it, not from the corner nearest.
+#[test]
+fn the_stencil_orders_by_the_value_at_the_eye() {
+    let points = vec![
+        DVec3::new(0.0, 4.0, -0.5),
+        DVec3::new(-3.0, 5.0, 2.0),
+        DVec3::new(3.0, 5.0, 2.0),
+        DVec3::new(0.0, 9.0, -0.2),
+    ];
+    // Turned over, too: rays then come from greater values.
+    for sign in [1.0f64, -1.0] {
+        let values: Vec<f32> = points.iter().map(|p| (sign * p.z) as f32).collect();
+        let mesh = isobar_core::TetMesh::new(points.clone().into(), vec![[0, 1, 2, 3]].into(), values.into()).unwrap();
+        let data = Arc::new(Data::Tets(mesh));
+        let view = View::perspective(DVec3::ZERO, DVec3::new(0.0, 5.0, 0.3), DVec3::Z, 10.0, 96, 72);
+        let of = |values: &[f64]| {
+            let values: Vec<f64> = values.iter().map(|v| sign * v).collect();
+            let scene = (&data, &surfaces(&values)[..], None);
+            draw(&CELLPROJ_CPU_PAPER, scene, &view, knobs(&[("isosurface", "stencil")])).0
+        };
+        let values = [0.3, 0.35, 0.4];
+        let (all, alone) = (of(&values), values.map(|c| of(&[c])));
+        let mut several = 0;
+        for i in 0..all.t.len() {
+            // What is drawn of each alone has the same errors.
+            let there: Vec<usize> = (0..3).filter(|&k| alone[k].t[i].is_finite()).collect();
+            several += usize::from(there.len() > 1);
+            match there.first() {
+                Some(&nearest) => assert_eq!(usize::from(all.surface[i]), nearest, "{sign} {i}: {there:?}"),
+                None => assert!(!all.t[i].is_finite()),
+            }
+        }
+        assert!(several > 100, "{several}");
+    }
+}
+
 /// Smooth shading here and in `cellproj/cpu` differ by where light is interpolated, flat shading by textures alone.
 #[test]
 fn smooth_light_is_that_of_the_exact_method() {

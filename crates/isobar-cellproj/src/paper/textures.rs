@@ -97,6 +97,8 @@ pub(crate) struct Making<'a> {
     /// Ascending isovalues with the surface of each.
     pub(crate) isovalues: &'a [(f64, u8)],
     pub(crate) surfaces: &'a [Surface],
+    /// The colour of faces towards greater values, section 9: texels with s_f > s_b. `None`: that of the surface.
+    pub(crate) inside: Option<[f32; 3]>,
     /// Texels beside an isovalue that are set as well.
     pub(crate) thickening: f64,
     /// Whether texels have 8 bits.
@@ -155,7 +157,7 @@ impl Isosurfaces {
             }
             mark.count = mark.count.saturating_add(1);
             let opacity = surface.opacity.clamp(0.0, 1.0);
-            let [r, g, b] = surface.colour;
+            let [r, g, b] = making.inside.filter(|_| s_front > s_back).unwrap_or(surface.colour);
             let colour = Vec4::new(r, g, b, 1.0) * (light * opacity);
             front += colour * weight;
             behind += colour * (1.0 - weight);
@@ -373,6 +375,7 @@ mod tests {
         Making {
             isovalues,
             surfaces,
+            inside: None,
             thickening: 0.0,
             fixed: false,
         }
