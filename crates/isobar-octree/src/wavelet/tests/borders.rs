@@ -171,12 +171,12 @@ fn no_ray_alone_slips_through() {
     let (mut rays, mut crossings) = (0, 0);
     for (bank, kind) in BANKS {
         let mut scene = Scene::new(bank, kind);
-        for border in 0..BORDERS.len() {
+        for (border, &(axis, _)) in BORDERS.iter().enumerate() {
             for _ in 0..2 {
                 // A list of rays is an image one pixel high: at most 65,536 of them.
                 let list: Vec<Ray> = (0..42_000)
                     .map(|_| {
-                        let (p, d) = (scene.beside(border), scene.direction(BORDERS[border].0));
+                        let (p, d) = (scene.beside(border), scene.direction(axis));
                         Ray {
                             origin: scene.domain.world(p - d * (0.1 + scene.random.next())),
                             direction: d,
