@@ -190,15 +190,15 @@ fn levels(setting: &Setting<'_>, folder: Option<&Path>) -> Result<()> {
                 &level_picture(setting, r, picture),
             )?;
             if letter == "b" {
-                transition(setting, eye, r, picture, folder)?;
+                transition(setting, eye, r, folder)?;
             }
         }
     }
     Ok(())
 }
 
-/// Figure 6.8: the levels chosen for one view seen from another, and a border of levels close up, shaded and by level.
-fn transition(setting: &Setting<'_>, eye: DVec3, row: &Row, picture: &Picture, folder: &Path) -> Result<()> {
+/// Figure 6.8: the levels chosen for one view seen from the other side, and the border of levels next to the middle of that picture close up; each shaded and by level.
+fn transition(setting: &Setting<'_>, eye: DVec3, row: &Row, folder: &Path) -> Result<()> {
     let pyramid = Arc::new(Pyramid::new(setting.grid, setting.bank)?);
     let criteria = Criteria {
         view: Some((eye, row.epsilon)),
@@ -208,43 +208,34 @@ fn transition(setting: &Setting<'_>, eye: DVec3, row: &Row, picture: &Picture, f
     let mut levels = Multiresolution::new(pyramid.clone(), channels, setting.threads)?;
     levels.set_surfaces(&[Surface::isovalue(setting.isovalue, 0)])?;
     levels.select(&Selection::new(&pyramid, &criteria))?;
-    let (width, height) = (setting.view.width, setting.view.height);
-    let bounds = setting.grid.domain().world_bounds();
-    let mut views = vec![(
-        "a",
-        View::fit_from(bounds, DVec3::new(-1.9, 2.6, 2.2), DVec3::Z, 40.0, width, height),
-    )];
-    // The outline of a level next to the middle of the picture.
-    let outline = level_picture(setting, row, picture);
-    let off = |i: usize| (i % width).abs_diff(width / 2).pow(2) + (i / width).abs_diff(height / 2).pow(2);
-    let border = (0..outline.len())
-        .filter(|&i| outline[i] == [0.0, 0.0, 0.0, 1.0])
-        .min_by_key(|&i| off(i));
-    if let Some(i) = border {
-        let ray = setting.view.ray(i % width, i / width);
-        let point = ray.at(picture.frame.t[i]);
-        let n = picture.frame.normal[i].map(f64::from);
-        let n = DVec3::from_array(n);
-        let out = n * -n.dot(ray.direction).signum() - ray.direction;
-        let from = point + out.normalize() * 20.0 * setting.grid.spacing.min_element();
-        let up = if out.normalize().z.abs() < 0.9 { DVec3::Z } else { DVec3::X };
-        views.push(("close", View::perspective(from, point, up, 40.0, width, height)));
-    }
-    for (name, view) in views {
-        levels.render(&view, &Stop::default())?;
+    let mut draw = |name: &str, view: &View| -> Result<(Picture, Vec<[f32; 4]>)> {
+        levels.render(view, &Stop::default())?;
         let picture = Picture {
             frame: levels.frame().clone(),
             render: Duration::ZERO,
         };
-        let seen = Setting { view: &view, ..*setting };
-        write(folder, &format!("figure-6.8-{name}"), &view, &picture.frame.rgba)?;
-        write(
-            folder,
-            &format!("figure-6.8-{name}-levels"),
-            &view,
-            &level_picture(&seen, row, &picture),
-        )?;
-    }
+        let by_level = level_picture(&Setting { view, ..*setting }, row, &picture);
+        write(folder, &format!("figure-6.8-{name}"), view, &picture.frame.rgba)?;
+        write(folder, &format!("figure-6.8-{name}-levels"), view, &by_level)?;
+        Ok((picture, by_level))
+    };
+    let (width, height) = (setting.view.width, setting.view.height);
+    let bounds = setting.grid.domain().world_bounds();
+    let view = View::fit_from(bounds, DVec3::new(-1.9, 2.6, 2.2), DVec3::Z, 40.0, width, height);
+    let (picture, by_level) = draw("a", &view)?;
+    let off = |i: usize| (i % width).abs_diff(width / 2).pow(2) + (i / width).abs_diff(height / 2).pow(2);
+    // Outlines of levels are black.
+    let border = (0..by_level.len()).filter(|&i| by_level[i] == [0.0, 0.0, 0.0, 1.0]);
+    let Some(i) = border.min_by_key(|&i| off(i)) else {
+        return Ok(());
+    };
+    let ray = view.ray(i % width, i / width);
+    let point = ray.at(picture.frame.t[i]);
+    let normal = DVec3::from_array(picture.frame.normal[i].map(f64::from));
+    let out = (normal * -normal.dot(ray.direction).signum() - ray.direction).normalize();
+    let from = point + out * 20.0 * setting.grid.spacing.min_element();
+    let up = if out.z.abs() < 0.9 { DVec3::Z } else { DVec3::X };
+    draw("close", &View::perspective(from, point, up, 40.0, width, height))?;
     Ok(())
 }
 
