@@ -6,7 +6,7 @@
 //! any error: a root on a face, an edge or an end of the domain is one, a near miss of 1e-30 is none. **Not decided**: whether the ray touches the surface at a parameter that is no
 //! dyadic part of the cell, to 2^-100 of it. Nothing of the walks in f64 is used, neither their lists of active cells nor their bounds; nor anything of isobar-oracle.
 //!
-//! A ray takes a tenth of a millisecond to some milliseconds, so only those are sent here whose answer in f64 is not proved, and of a tile of a view only the first [`MOST`].
+//! A ray takes far longer than in f64 (some tenths of a millisecond and more, estimated, not measured), so only those are sent here whose answer in f64 is not proved, and of a tile of a view only the first [`MOST`].
 
 use crate::cell::Root;
 use crate::trilinear::hit;
