@@ -164,6 +164,15 @@ pub(crate) fn check(args: &[String]) -> Result<bool> {
         };
         i.next().with_context(|| format!("{a} needs a value"))?.clone_into(place);
     }
+    // A name that no row has would check nothing and call it clean.
+    if !only.is_empty() && !ROWS.iter().any(|r| r.method == only) {
+        let mut known: Vec<&str> = ROWS.iter().map(|r| r.method).collect();
+        known.dedup();
+        bail!(
+            "--only {only}: this command checks {}; the others claim nothing by themselves",
+            known.join(", ")
+        );
+    }
     if !cargo(&["build", "--release", "-p", "isobar"]).status()?.success() {
         bail!("isobar did not build; the compiler's reason is above");
     }
