@@ -150,5 +150,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         more = more && k < last;
         k = next;
     }
+    if more {
+        work = CUT;
+    }
     pixels[i] = Pixel(colour.x, colour.y, colour.z, colour.w, found, work);
 }

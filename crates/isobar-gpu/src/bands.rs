@@ -4,7 +4,7 @@
 //! invocations finds the ray of pixel (x, y) of its band at `y * width + x`, writes hit `layer` of it at `layer * pixels + y * width + x`, and its pixel there.
 
 use crate::rays::{Entry, Rectangle};
-use crate::{Gpu, Kernel, wgpu};
+use crate::{Gpu, GpuError, Kernel, wgpu};
 use bytemuck::{Pod, Zeroable};
 use isobar_core::{Channels, Claim, Frame, Hit as FrameHit, Pixel as FramePixel, RenderError, Stop, View};
 use std::marker::PhantomData;
@@ -59,9 +59,13 @@ pub struct Pixel {
     pub rgba: [f32; 4],
     /// Hits found, also beyond the layers kept.
     pub hits: u32,
-    /// Work done.
+    /// Work done; [`CUT`] where the driver ended the pixel's loops.
     pub work: u32,
 }
+
+/// [`Pixel::work`] of a pixel whose loops the driver ended before the shader did, as software Vulkan (Mesa) does after 65,535 turns of all loops of a
+/// ray together, without an error. A shader knows it by a loop that was left although its condition holds.
+pub const CUT: u32 = u32::MAX;
 
 /// Some rows of the rectangle.
 #[derive(Debug)]
@@ -214,7 +218,7 @@ impl<H: DeviceHit> Bands<H> {
     /// Copies hits and pixels into a frame of the view, which holds the channels wanted; returns the work of all pixels. Nothing is claimed.
     ///
     /// # Errors
-    /// As [`Gpu::read`].
+    /// As [`Gpu::read`]; [`GpuError::Cut`] where the driver ended the loops of a pixel.
     pub fn read(&self, gpu: &Gpu, view: &View, out: &mut Frame) -> Result<u64, RenderError> {
         self.bands
             .iter()
@@ -245,6 +249,9 @@ impl<H: DeviceHit> Bands<H> {
                     hit.point = g.ray(x, y).at(t);
                 }
                 out.set_hit(layer, at, &hit);
+            }
+            if p.work == CUT {
+                return Err(GpuError::Cut { x, y }.into());
             }
             work += u64::from(p.work);
             let pixel = FramePixel {

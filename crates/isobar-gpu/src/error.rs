@@ -43,6 +43,16 @@ pub enum GpuError {
         /// The device's limit.
         limit: u64,
     },
+    /// The driver ended the loops of a ray before the shader did, so its hits are not all.
+    #[error(
+        "the driver ended the loops of pixel {x}, {y} early (software Vulkan does after 65,535 turns); larger steps, fewer isovalues, or a cpu method"
+    )]
+    Cut {
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+    },
     /// A shader or a call the driver or wgpu refuses: a mistake of ours or of the driver.
     #[error("{what}: {reason}")]
     Refused {

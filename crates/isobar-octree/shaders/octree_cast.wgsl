@@ -66,6 +66,14 @@ fn cast_cell(s: Segment) {
     roots(p, s);
 }
 
+// Behind a loop that ends only where nothing more is wanted, or by returning: whether the driver ended it.
+fn note_cut() {
+    if way.more {
+        way.work = CUT;
+        way.more = false;
+    }
+}
+
 // The cells of an active brick, from t0 to t1 behind the entry.
 fn cast_brick(ray: Ray, d: vec3<f32>, inverse: vec3<f32>, brick: vec3<i32>, mask: vec2<u32>, t0: f32, t1: f32) {
     let whole = u32(clamp(round(0.5 * (t0 + t1)), 0.0, 65535.0));
@@ -111,6 +119,7 @@ fn cast_brick(ray: Ray, d: vec3<f32>, inverse: vec3<f32>, brick: vec3<i32>, mask
         t = te;
         p = q;
     }
+    note_cut();
 }
 
 fn cast_ray(ray: Ray, d: vec3<f32>) {
@@ -169,6 +178,7 @@ fn cast_ray(ray: Ray, d: vec3<f32>) {
             }
         }
     }
+    note_cut();
 }
 
 @compute @workgroup_size(8, 8)

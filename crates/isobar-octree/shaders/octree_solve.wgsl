@@ -205,6 +205,10 @@ fn roots(p: Poly, s: Segment) {
             }
         }
     }
+    if way.more && depth > 0u {
+        way.work = CUT;
+        way.more = false;
+    }
     way.tail = false;
     if last_j != NONE {
         let v = levels[last_j].value;

@@ -434,3 +434,38 @@ fn small_grids_and_every_sample_type_are_drawn() {
         }
     }
 }
+
+/// Rays with more turns of loops than software Vulkan grants: all their hits, or the error that says so; never a frame with some.
+#[test]
+fn a_ray_the_driver_cuts_is_an_error() {
+    if test_adapter("a_ray_the_driver_cuts_is_an_error").is_none() {
+        return;
+    }
+    // Every second sample lies on the other side of isovalue 253 of 255; each sample is compared with all below it: a million turns.
+    let data = Arc::new(Data::Grid(sampled(
+        [2, 2, 2048],
+        |_, _, z| if z % 2.0 == 0.0 { 25.25 } else { 25.35 },
+    )));
+    let surfaces: Vec<_> = (0..255).map(|i| Surface::isovalue(0.1 * f64::from(i), i as usize)).collect();
+    let ray = Ray {
+        origin: DVec3::new(0.5, 0.5, -1.0),
+        direction: DVec3::Z,
+    };
+    let frames = [&MARCH_CPU as &dyn isobar_core::Method, &MARCH_GPU].map(|m| {
+        let mut r = open(m, &request(1, Knobs::default()));
+        r.set_view(&View::rays(vec![ray])).unwrap();
+        r.set_surfaces(&surfaces).unwrap();
+        r.set_data(&data).unwrap();
+        r.render(&isobar_core::Stop::default()).unwrap();
+        let mut frame = Frame::default();
+        r.read(&mut frame).map(|()| frame.hits[0])
+    });
+    assert_eq!(*frames[0].as_ref().unwrap(), 2047);
+    match &frames[1] {
+        Ok(hits) => assert_eq!(*hits, 2047),
+        Err(e) => {
+            println!("{e}");
+            assert!(e.to_string().contains("65,535 turns"), "{e}");
+        }
+    }
+}

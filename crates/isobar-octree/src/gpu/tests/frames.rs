@@ -341,3 +341,43 @@ fn clipping_planes_cut_rays() {
     assert_eq!((whole.hits[4], cut.hits[4]), (2, 1));
     assert!((cut.t[4] - whole.t[9 + 4]).abs() < 1e-6 && cut.t[4] > 4.9);
 }
+
+/// Rays with more turns of loops than software Vulkan grants: all their hits, or the error that says so; never a frame with some.
+#[test]
+fn a_ray_the_driver_cuts_is_an_error() {
+    let Some((_gpu, _one)) = adapter("a_ray_the_driver_cuts_is_an_error") else {
+        return;
+    };
+    // Every second sample lies on the other side of isovalue 253 of 255, and every cell is compared with all below it: half a million turns.
+    let data = Arc::new(Data::Grid(sampled(
+        [2, 2, 2048],
+        |_, _, z| if z % 2.0 == 0.0 { 25.25 } else { 25.35 },
+    )));
+    let surfaces: Vec<_> = (0..255).map(|i| Surface::isovalue(0.1 * f64::from(i), i as usize)).collect();
+    let ray = isobar_core::Ray {
+        origin: DVec3::new(0.5, 0.5, -1.0),
+        direction: DVec3::Z,
+    };
+    let frames = [&OCTREE_CPU as &dyn isobar_core::Method, &OCTREE_GPU].map(|m| {
+        let mut r = m
+            .open(&Request {
+                channels: Channels::T | Channels::HITS,
+                ..Request::default()
+            })
+            .unwrap();
+        r.set_view(&View::rays(vec![ray])).unwrap();
+        r.set_surfaces(&surfaces).unwrap();
+        r.set_data(&data).unwrap();
+        r.render(&Stop::default()).unwrap();
+        let mut frame = Frame::default();
+        r.read(&mut frame).map(|()| frame.hits[0])
+    });
+    assert_eq!(*frames[0].as_ref().unwrap(), 2047);
+    match &frames[1] {
+        Ok(hits) => assert_eq!(*hits, 2047),
+        Err(e) => {
+            println!("{e}");
+            assert!(e.to_string().contains("65,535 turns"), "{e}");
+        }
+    }
+}
