@@ -1,4 +1,4 @@
-//! `cargo run --release -p isobar-oracle --example frame -- [n=256] [kind=trilinear] [WxH=1024x768] [field=gyroid]`: the certified truth of a
+//! `cargo run --release -p isobar-oracle --example oracle_frame -- [n=256] [kind=trilinear] [WxH=1024x768] [field=gyroid]`: the certified truth of a
 //! synthetic grid in the bench view, with time, stage counts and brackets.
 
 use isobar_core::{Data, Function, Stage, Stop, Surface, View};

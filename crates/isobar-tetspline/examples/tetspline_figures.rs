@@ -1,4 +1,4 @@
-//! Figures of Kalbe et al. 2009, as PNG files in a folder: `cargo run --release -p isobar-tetspline --example figures -- FOLDER [MESH.off]`.
+//! Figures of Kalbe et al. 2009, as PNG files in a folder: `cargo run --release -p isobar-tetspline --example tetspline_figures -- FOLDER [MESH.off]`.
 //!
 //! - `fig5-*.png`: the function x^16 + y^16 + z^16 - cos 7x - cos 7y - cos 7z on 64^3 samples at four isovalues, plain and with texture.
 //! - `fig6.png`: a closed cut through two isosurfaces of the same data (their Fig. 6, left, clips a head).

@@ -1,6 +1,6 @@
-//! CPU time of a frame of a ruler on a synthetic field: `frame [METHOD] [FIELD] [N] [WxH] [REPEATS] [KNOB=VALUE]...`; defaults:
+//! CPU time of a frame of a ruler on a synthetic field: `baseline_frame [METHOD] [FIELD] [N] [WxH] [REPEATS] [KNOB=VALUE]...`; defaults:
 //! `march/cpu gyroid 256 1024x768 5`. Prints seconds of each stage, the median CPU time of `render` summed over threads, peak memory,
-//! bytes and counters. For a profiler: `valgrind --tool=callgrind target/release/examples/frame march/cpu gyroid 128 512x384 1`.
+//! bytes and counters. For a profiler: `valgrind --tool=callgrind target/release/examples/baseline_frame march/cpu gyroid 128 512x384 1`.
 
 use isobar_baseline::{MARCH_CPU, MC_CPU};
 use isobar_core::{Data, Grid, Knobs, Method, Request, Samples, Stop, Surface, View};
