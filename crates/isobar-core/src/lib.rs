@@ -31,6 +31,6 @@ pub use method::{Counters, DataKind, Memory, Method, MethodInfo, RenderTime, Ren
 pub use request::{KnobKind, KnobSpec, KnobValue, Knobs, Request, ResolvedKnobs, Sampling};
 pub use scene::{Peak, Scene, Surface, SurfaceKind, TransferFunction};
 pub use shade::{over, shade, to_srgb8};
-pub use view::{Camera, ClipPlane, Ray, RayGenerator, View};
+pub use view::{Camera, ClipPlane, Lens, Ray, RayGenerator, View};
 
 pub use glam::{DMat3, DVec3, Vec3};

@@ -78,9 +78,8 @@ pub struct View {
 #[derive(Debug, Clone, Copy)]
 pub struct RayGenerator<'a> {
     view: &'a View,
-    frame: Basis,
-    /// Half the image's height: at unit distance (perspective) or in the world (orthographic).
-    scale: f64,
+    /// Zero for lists of rays.
+    lens: Lens,
 }
 
 impl RayGenerator<'_> {
@@ -92,18 +91,18 @@ impl RayGenerator<'_> {
     #[inline]
     pub fn ray(&self, x: usize, y: usize) -> Ray {
         let v = self.view;
-        let b = &self.frame;
+        let b = &self.lens;
         let aspect = v.width as f64 / v.height as f64;
-        let sx = (2.0 * (x as f64 + 0.5) / v.width as f64 - 1.0) * self.scale * aspect;
-        let sy = (1.0 - 2.0 * (y as f64 + 0.5) / v.height as f64) * self.scale;
+        let sx = (2.0 * (x as f64 + 0.5) / v.width as f64 - 1.0) * b.half * aspect;
+        let sy = (1.0 - 2.0 * (y as f64 + 0.5) / v.height as f64) * b.half;
         match &v.camera {
             Camera::Rays(rays) => rays[y * v.width + x],
-            Camera::Perspective { eye, .. } => Ray {
-                origin: *eye,
+            Camera::Perspective { .. } => Ray {
+                origin: b.eye,
                 direction: (b.forward + b.right * sx + b.up * sy).normalize(),
             },
-            Camera::Orthographic { eye, .. } => Ray {
-                origin: *eye + b.right * sx + b.up * sy,
+            Camera::Orthographic { .. } => Ray {
+                origin: b.eye + b.right * sx + b.up * sy,
                 direction: b.forward,
             },
         }
@@ -119,12 +118,24 @@ impl RayGenerator<'_> {
     }
 }
 
-/// An orthonormal frame of the camera.
-#[derive(Debug, Clone, Copy)]
-struct Basis {
-    right: DVec3,
-    up: DVec3,
-    forward: DVec3,
+/// A camera as [`View::ray`] takes it: its place, an orthonormal frame (to rounding) and half the height of its image.
+///
+/// The ray through the point (x, y) of the image, both in units of [`half`](Self::half) with y up, has the direction `forward + right * x + up * y` from the eye, or, where rays are
+/// parallel, the direction `forward` from `eye + right * x + up * y`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lens {
+    /// World position; of the image's centre on the start plane where rays are parallel.
+    pub eye: DVec3,
+    /// Right in the image: forward x up.
+    pub right: DVec3,
+    /// Up in the image.
+    pub up: DVec3,
+    /// Along the line of sight.
+    pub forward: DVec3,
+    /// Half the image's height: at unit distance, or in the world where rays are parallel.
+    pub half: f64,
+    /// Whether rays are.
+    pub parallel: bool,
 }
 
 impl View {
@@ -273,23 +284,38 @@ impl View {
     /// What all pixels share, worked out once: for loops over pixels.
     #[must_use]
     pub fn generator(&self) -> RayGenerator<'_> {
-        let (frame, scale) = match &self.camera {
-            Camera::Rays(_) => (
-                Basis {
-                    right: DVec3::ZERO,
-                    up: DVec3::ZERO,
-                    forward: DVec3::ZERO,
-                },
-                0.0,
-            ),
-            Camera::Perspective { eye, target, up, fov } => (basis(*eye, *target, *up), (fov.to_radians() * 0.5).tan()),
-            Camera::Orthographic { eye, target, up, height } => (basis(*eye, *target, *up), 0.5 * height),
+        let none = Lens {
+            eye: DVec3::ZERO,
+            right: DVec3::ZERO,
+            up: DVec3::ZERO,
+            forward: DVec3::ZERO,
+            half: 0.0,
+            parallel: false,
         };
         RayGenerator {
             view: self,
-            frame,
-            scale,
+            lens: self.lens().unwrap_or(none),
         }
+    }
+
+    /// The camera's frame, to the bits that [`View::ray`] uses; `None` for lists of rays.
+    #[must_use]
+    pub fn lens(&self) -> Option<Lens> {
+        let (eye, target, up, half, parallel) = match self.camera {
+            Camera::Rays(_) => return None,
+            Camera::Perspective { eye, target, up, fov } => (eye, target, up, (fov.to_radians() * 0.5).tan(), false),
+            Camera::Orthographic { eye, target, up, height } => (eye, target, up, 0.5 * height, true),
+        };
+        let forward = (target - eye).normalize();
+        let right = forward.cross(up).normalize();
+        Some(Lens {
+            eye,
+            right,
+            up: right.cross(forward),
+            forward,
+            half,
+            parallel,
+        })
     }
 
     /// World size of a pixel at distance t along its ray: the footprint errors are compared with. 0 for lists of rays.
@@ -300,17 +326,6 @@ impl View {
             Camera::Perspective { fov, .. } => 2.0 * (fov.to_radians() * 0.5).tan() * t / self.height as f64,
             Camera::Orthographic { height, .. } => height / self.height as f64,
         }
-    }
-}
-
-/// Right-handed: right = forward x up.
-fn basis(eye: DVec3, target: DVec3, up: DVec3) -> Basis {
-    let forward = (target - eye).normalize();
-    let right = forward.cross(up).normalize();
-    Basis {
-        right,
-        up: right.cross(forward),
-        forward,
     }
 }
 

@@ -4,7 +4,7 @@
 //! and 2^-42 per half voxel along it; the snippet `fixed_ray` turns it into f32 about any cell, by integer arithmetic.
 
 use bytemuck::{Pod, Zeroable};
-use isobar_core::{Camera, DMat3, DVec3, Domain, Ray as WorldRay, View};
+use isobar_core::{DMat3, DVec3, Domain, Ray as WorldRay, View};
 use rayon::prelude::*;
 
 /// A ray in fixed point, in index space, as `fixed_ray.wgsl` lays it out: its entry into the domain is `cell + fraction * 2^-32`, and each half voxel along it adds
@@ -241,30 +241,23 @@ impl Rectangle {
     #[must_use]
     pub fn of(view: &View, domain: &Domain) -> Self {
         let whole = Self::whole(view);
-        let (eye, target, up, scale, perspective) = match view.camera {
-            Camera::Rays(_) => return whole,
-            Camera::Perspective { eye, target, up, fov } => (eye, target, up, (fov.to_radians() * 0.5).tan(), true),
-            Camera::Orthographic { eye, target, up, height } => (eye, target, up, 0.5 * height, false),
-        };
-        let forward = (target - eye).normalize();
-        let right = forward.cross(up).normalize();
-        let up = right.cross(forward);
+        let Some(lens) = view.lens() else { return whole };
         let (w, h) = (view.width as f64, view.height as f64);
         let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for corner in domain.corners() {
-            let v = corner - eye;
-            let depth = v.dot(forward);
-            let by = if perspective {
+            let v = corner - lens.eye;
+            let depth = v.dot(lens.forward);
+            let by = if lens.parallel {
+                lens.half
+            } else {
                 // Nearer than this a corner may be projected anywhere.
                 if depth.is_nan() || depth <= 1e-6 * v.length() {
                     return whole;
                 }
-                scale * depth
-            } else {
-                scale
+                lens.half * depth
             };
-            let x = (v.dot(right) / (by * (w / h)) + 1.0) * 0.5 * w;
-            let at = DVec3::new(x, (1.0 - v.dot(up) / by) * 0.5 * h, 0.0);
+            let x = (v.dot(lens.right) / (by * (w / h)) + 1.0) * 0.5 * w;
+            let at = DVec3::new(x, (1.0 - v.dot(lens.up) / by) * 0.5 * h, 0.0);
             (lo, hi) = (lo.min(at), hi.max(at));
         }
         // Casts saturate; NaN becomes 0.
@@ -283,7 +276,7 @@ impl Rectangle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isobar_core::{Grid, Samples};
+    use isobar_core::{Camera, Grid, Samples};
 
     const EVERYWHERE: Option<(f64, f64)> = Some((0.0, f64::INFINITY));
 

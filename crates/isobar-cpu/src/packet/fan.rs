@@ -7,18 +7,12 @@ use super::lanes::{LANES, Lanes};
 use super::three;
 use crate::{TILE, Tile};
 use glam::DVec3;
-use isobar_core::{Camera, View};
+use isobar_core::{Lens, View};
 
 /// Where the rays of a tile come from.
 #[derive(Debug)]
 pub(super) struct Fan {
-    /// Of all rays, unless they are parallel.
-    pub(super) eye: DVec3,
-    /// Whether they are.
-    pub(super) parallel: bool,
-    forward: DVec3,
-    right: DVec3,
-    up: DVec3,
+    pub(super) lens: Lens,
     /// Steps to the right, of the four columns of blocks, and up, of the eight rows.
     columns: [[f64; LANES]; TILE / 4],
     rows: [[f64; LANES]; TILE / 2],
@@ -34,30 +28,19 @@ fn along<S: Lanes>(from: DVec3, right: DVec3, up: DVec3, x: S, y: S) -> [S; 3] {
 impl Fan {
     /// `None` for lists of rays. Pixels beyond the tile repeat its last ones.
     pub(super) fn new(view: &View, tile: Tile) -> Option<Self> {
-        let (eye, target, up, scale, parallel) = match view.camera {
-            Camera::Rays(_) => return None,
-            Camera::Perspective { eye, target, up, fov } => (eye, target, up, (fov.to_radians() * 0.5).tan(), false),
-            Camera::Orthographic { eye, target, up, height } => (eye, target, up, 0.5 * height, true),
-        };
-        let forward = (target - eye).normalize();
-        let right = forward.cross(up).normalize();
-        let up = right.cross(forward);
+        let lens = view.lens()?;
         let (width, height) = (view.width as f64, view.height as f64);
         let aspect = width / height;
         let mut fan = Self {
-            eye,
-            parallel,
-            forward,
-            right,
-            up,
+            lens,
             columns: [[0.0; LANES]; TILE / 4],
             rows: [[0.0; LANES]; TILE / 2],
         };
         for n in 0..TILE {
             let x = (tile.x + n.min(tile.width - 1)) as f64;
             let y = (tile.y + n.min(tile.height - 1)) as f64;
-            let sx = (2.0 * (x + 0.5) / width - 1.0) * scale * aspect;
-            let sy = (1.0 - 2.0 * (y + 0.5) / height) * scale;
+            let sx = (2.0 * (x + 0.5) / width - 1.0) * lens.half * aspect;
+            let sy = (1.0 - 2.0 * (y + 0.5) / height) * lens.half;
             // Pixel (x, y) is lane 4 (y & 1) + (x & 3) of its block.
             (fan.columns[n / 4][n % 4], fan.columns[n / 4][4 + n % 4]) = (sx, sx);
             fan.rows[n / 2][4 * (n % 2)..][..4].fill(sy);
@@ -69,11 +52,12 @@ impl Fan {
     #[inline(always)]
     pub(super) fn rays<S: Lanes>(&self, b: usize) -> [[S; 3]; 2] {
         let (x, y) = (S::load(&self.columns[b & 3]), S::load(&self.rows[b >> 2]));
-        let (eye, forward) = (self.eye.to_array(), self.forward.to_array());
-        if self.parallel {
-            return [along(self.eye, self.right, self.up, x, y), three(|a| S::splat(forward[a]))];
+        let lens = &self.lens;
+        let (eye, forward) = (lens.eye.to_array(), lens.forward.to_array());
+        if lens.parallel {
+            return [along(lens.eye, lens.right, lens.up, x, y), three(|a| S::splat(forward[a]))];
         }
-        let d = along(self.forward, self.right, self.up, x, y);
+        let d = along(lens.forward, lens.right, lens.up, x, y);
         let square = d[0].mul(d[0]).add(d[1].mul(d[1])).add(d[2].mul(d[2]));
         let scale = S::splat(1.0).div(square.sqrt());
         [three(|a| S::splat(eye[a])), three(|a| d[a].mul(scale))]
@@ -86,6 +70,7 @@ mod tests {
     use super::super::{BLOCKS, pixel};
     use super::*;
     use crate::Level;
+    use isobar_core::Camera;
 
     struct All<'a>(&'a Fan);
 

@@ -251,7 +251,7 @@ impl Rays {
         }
         self.least = margin;
         let clips = &place.view.clips;
-        let eye = (space.vector(fan.eye - space.domain().origin) + place.shift).to_array();
+        let eye = (space.vector(fan.lens.eye - space.domain().origin) + place.shift).to_array();
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let none = [0; BLOCKS];
         let (mut up, mut down) = ([none; 3], [none; 3]);
@@ -261,7 +261,7 @@ impl Rays {
             if !clips.is_empty() {
                 self.cut(place, b);
             }
-            let o = if fan.parallel {
+            let o = if fan.lens.parallel {
                 let from = space.domain().origin.to_array();
                 let o = space.vectors::<S>(three(|a| origin[a].sub(S::splat(from[a]))));
                 three(|a| o[a].add(S::splat(place.shift)))

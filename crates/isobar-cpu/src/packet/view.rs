@@ -9,7 +9,7 @@
 //! rounding of rays (less than 2e-7 where rays are traced in packets: [`super::Place::most`]).
 
 use glam::DVec3;
-use isobar_core::{Camera, Domain, View};
+use isobar_core::{Domain, Lens, View};
 
 /// Boxes are taken larger by this share of their half edge, which is at least 1/2.
 const GROWN: f64 = 1.0 + 1e-5;
@@ -73,14 +73,14 @@ impl Projection {
     /// `None` for lists of rays, and views whose axes f64 does not hold as orthonormal: their rays go alone.
     #[must_use]
     pub fn new(view: &View, domain: &Domain) -> Option<Self> {
-        let (eye, target, up) = match &view.camera {
-            Camera::Rays(_) => return None,
-            Camera::Perspective { eye, target, up, .. } | Camera::Orthographic { eye, target, up, .. } => (*eye, *target, *up),
-        };
-        // As `View::ray` means it, by the same expressions.
-        let forward = (target - eye).normalize();
-        let right = forward.cross(up).normalize();
-        let up = right.cross(forward);
+        let Lens {
+            eye,
+            right,
+            up,
+            forward,
+            half,
+            parallel,
+        } = view.lens()?;
         // The expressions below take these as orthonormal, as they are but for views that rounding spoils: `up` almost along the line of sight, or so short that its square underflows.
         let off = [
             forward.length_squared() - 1.0,
@@ -91,11 +91,6 @@ impl Projection {
             return None;
         }
         let (width, height) = (view.width as f64, view.height as f64);
-        let (scale, parallel) = match view.camera {
-            Camera::Perspective { fov, .. } => ((fov.to_radians() * 0.5).tan(), false),
-            Camera::Orthographic { height, .. } => (0.5 * height, true),
-            Camera::Rays(_) => return None,
-        };
         let origin = domain.origin - eye;
         let axes = domain.axes;
         let row = |v: DVec3, k: f64| Affine {
@@ -110,7 +105,7 @@ impl Projection {
         } else {
             row(forward, 1.0)
         };
-        let focal = 0.5 * height / scale;
+        let focal = 0.5 * height / half;
         let centred = |r: Affine, middle: f64| Affine {
             at0: r.at0 + middle * w.at0,
             along: [0, 1, 2].map(|a| r.along[a] + middle * w.along[a]),
@@ -196,7 +191,7 @@ impl Projection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isobar_core::{DMat3, Ray};
+    use isobar_core::{Camera, DMat3, Ray};
 
     /// Whether a ray meets a box of index space, in f64.
     fn meets(ray: &Ray, domain: &Domain, c: [f64; 3], half: f64) -> bool {

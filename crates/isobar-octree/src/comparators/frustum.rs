@@ -10,7 +10,7 @@
 
 use crate::compose::Scalar;
 use glam::DVec3;
-use isobar_core::{Camera, View};
+use isobar_core::View;
 use isobar_poly::Real;
 
 /// The part of the world between two planes across the line of sight that the image shows.
@@ -26,41 +26,25 @@ impl Frustum {
     /// and in perspective where `near` is not positive.
     #[must_use]
     pub fn new(view: &View, near: f64, far: f64) -> Option<Self> {
-        let (eye, target, up) = match &view.camera {
-            Camera::Rays(_) => return None,
-            Camera::Perspective { eye, target, up, .. } | Camera::Orthographic { eye, target, up, .. } => (*eye, *target, *up),
-        };
-        let forward = (target - eye).normalize();
-        let right = forward.cross(up).normalize();
-        let up = right.cross(forward);
+        let lens = view.lens()?;
         let aspect = view.width as f64 / view.height as f64;
         let plane = |depth: f64| {
-            let half = match view.camera {
-                Camera::Perspective { fov, .. } => (fov.to_radians() * 0.5).tan() * depth,
-                Camera::Orthographic { height, .. } => 0.5 * height,
-                Camera::Rays(_) => return None,
-            };
-            let (x, y) = (right * (half * aspect), up * half);
-            Some([eye + forward * depth - x + y, x * 2.0, y * -2.0])
+            let half = if lens.parallel { lens.half } else { lens.half * depth };
+            let (x, y) = (lens.right * (half * aspect), lens.up * half);
+            [lens.eye + lens.forward * depth - x + y, x * 2.0, y * -2.0]
         };
-        let in_front = near > 0.0 || matches!(view.camera, Camera::Orthographic { .. });
-        if !(in_front && near < far) {
-            return None;
-        }
-        Some(Self {
-            near: plane(near)?,
-            far: plane(far)?,
+        let in_front = near > 0.0 || lens.parallel;
+        (in_front && near < far).then(|| Self {
+            near: plane(near),
+            far: plane(far),
         })
     }
 
     /// The frustum whose planes touch the sphere round the box from `lo` to `hi`; `None` as [`Frustum::new`], also where the eye lies inside that sphere.
     #[must_use]
     pub fn around(view: &View, lo: DVec3, hi: DVec3) -> Option<Self> {
-        let (eye, target) = match &view.camera {
-            Camera::Rays(_) => return None,
-            Camera::Perspective { eye, target, .. } | Camera::Orthographic { eye, target, .. } => (*eye, *target),
-        };
-        let depth = ((lo + hi) * 0.5 - eye).dot((target - eye).normalize());
+        let lens = view.lens()?;
+        let depth = ((lo + hi) * 0.5 - lens.eye).dot(lens.forward);
         let radius = (hi - lo).length() * 0.5;
         Self::new(view, depth - radius, depth + radius)
     }

@@ -6,7 +6,7 @@
 use super::layout::{PLANES, View as Uniform};
 use bytemuck::Zeroable;
 use glam::DVec4;
-use isobar_core::{Camera, DMat3, DVec3, Domain, View};
+use isobar_core::{DMat3, DVec3, Domain, Lens, View};
 use isobar_gpu::rays::Rectangle;
 
 /// Radius of the sphere inside a tetrahedron, in voxels: `3 V / A = (1/8) / (1/4 + sqrt(1/8) + 2 sqrt(1/32))`.
@@ -19,21 +19,16 @@ const COVER: f64 = 1.0 / 30.0;
 /// Clipping planes that interpolated rays can be cut by.
 pub(super) const MOST_CLIPS: usize = PLANES - 6;
 
-/// The camera's orthonormal frame, half the height of its image (at distance 1, or in the world), and whether rays are parallel; `None` for lists of rays.
-pub(super) fn lens(view: &View) -> Option<(DVec3, [DVec3; 3], f64, bool)> {
-    let (eye, target, up, scale, parallel) = match view.camera {
-        Camera::Rays(_) => return None,
-        Camera::Perspective { eye, target, up, fov } => (eye, target, up, (fov.to_radians() * 0.5).tan(), false),
-        Camera::Orthographic { eye, target, up, height } => (eye, target, up, 0.5 * height, true),
-    };
-    let forward = (target - eye).normalize();
-    let right = forward.cross(up).normalize();
-    Some((eye, [right, right.cross(forward), forward], scale, parallel))
-}
-
 /// The uniform of some rows of a rectangle of the image. `exact`: tetrahedra grow, and rays are the pixels' own. `None` for lists of rays.
 pub(super) fn uniform(view: &View, domain: &Domain, target: Rectangle, exact: bool, gradients: [[f32; 4]; 3]) -> Option<Uniform> {
-    let (eye, [right, up, forward], scale, parallel) = lens(view)?;
+    let Lens {
+        eye,
+        right,
+        up,
+        forward,
+        half,
+        parallel,
+    } = view.lens()?;
     let a = domain.axes;
     let local = domain.local(eye);
     let middle = if parallel {
@@ -47,7 +42,7 @@ pub(super) fn uniform(view: &View, domain: &Domain, target: Rectangle, exact: bo
     // Clip coordinates of the whole image of a world displacement (w = 0 for parallel rays, to which a position adds 1).
     let clip = |v: DVec3| {
         let depth = if parallel { 0.0 } else { v.dot(forward) };
-        DVec3::new(v.dot(right) / (scale * (w / h)), v.dot(up) / scale, depth)
+        DVec3::new(v.dot(right) / (half * (w / h)), v.dot(up) / half, depth)
     };
     // From there to the target.
     let (tw, th) = (target.width as f64, target.height as f64);
@@ -102,7 +97,7 @@ pub(super) fn uniform(view: &View, domain: &Domain, target: Rectangle, exact: bo
             .map(|c| DVec3::from_array(c).extend(0.0).as_vec4().to_array()),
         gradients,
         grow: if exact {
-            (COVER / (INRADIUS * shortest * h / (2.0 * scale))) as f32
+            (COVER / (INRADIUS * shortest * h / (2.0 * half))) as f32
         } else {
             0.0
         },
@@ -129,7 +124,7 @@ fn frobenius(m: DMat3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isobar_core::{Grid, Samples};
+    use isobar_core::{Camera, Grid, Samples};
 
     /// A point on the ray of a pixel is projected to that pixel of the target, for both kinds of rays, from outside and inside.
     #[test]

@@ -3,8 +3,7 @@
 //! Kalbe et al. 2009, section 6: rendering is bound by the vertex stage, and culling by the frustum would relieve it. Here active cubes outside the image are left out by one more
 //! compaction, once per view.
 
-use super::camera::lens;
-use isobar_core::{DVec3, Domain, View};
+use isobar_core::{DVec3, Domain, Lens, View};
 
 /// Sides of the frustum: (a, d) with a.q + d >= 0 for the centre q of every cube that reaches into it.
 pub(super) type Planes = [[f32; 4]; 4];
@@ -14,9 +13,16 @@ const GROW: f64 = 2.0;
 
 /// The sides of a view; `None` where the whole domain is inside, and for lists of rays.
 pub(super) fn planes(view: &View, domain: &Domain) -> Option<Planes> {
-    let (eye, [right, up, forward], scale, parallel) = lens(view)?;
+    let Lens {
+        eye,
+        right,
+        up,
+        forward,
+        half,
+        parallel,
+    } = view.lens()?;
     let (w, h) = (view.width as f64, view.height as f64);
-    let (x, y) = (scale * (w / h) * (1.0 + 2.0 * GROW / w), scale * (1.0 + 2.0 * GROW / h));
+    let (x, y) = (half * (w / h) * (1.0 + 2.0 * GROW / w), half * (1.0 + 2.0 * GROW / h));
     let mut out = [[0.0; 4]; 4];
     let mut whole = true;
     for (to, (side, reach)) in out.iter_mut().zip([(right, x), (-right, x), (up, y), (-up, y)]) {
