@@ -9,8 +9,10 @@
 
 mod blend;
 pub mod clip;
+pub mod index;
 mod level;
 mod memory;
+pub mod nodes;
 pub mod packet;
 mod pool;
 pub mod scene;

@@ -103,7 +103,7 @@ impl Blocks {
                 } else if frame.work[at] > 0 {
                     BlockClass::Composed
                 } else {
-                    match Walk::enter(&rays.ray(x, y), &space, &view.clips, 0.0) {
+                    match Walk::enter(&rays.ray(x, y), &space, &view.clips, None) {
                         Entry::Through(_) => BlockClass::NoCandidate,
                         Entry::Misses { .. } => BlockClass::MissesBox,
                     }

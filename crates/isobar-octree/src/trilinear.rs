@@ -140,7 +140,7 @@ impl<T: Sample> Kernel for SingleRays<'_, '_, T> {
             let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
             let mut claim = Claim::empty();
             let mut certain = search.margin <= MARGIN;
-            match Walk::enter(&ray, space, &view.clips, search.margin) {
+            match Walk::enter(&ray, space, &view.clips, Some(search.margin)) {
                 Entry::Through(walk) => {
                     certain &= search.margin + walk.ends <= MARGIN;
                     if certain {

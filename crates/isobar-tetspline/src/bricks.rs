@@ -7,24 +7,16 @@
 //! counted by [`crate::classify`]).
 
 use crate::classify::{Rule, is_active};
-use crate::ray::Bounds;
+use isobar_cpu::index::Bounds;
+use isobar_cpu::nodes::{Nodes, Ranges, SIDE};
 use isobar_fields::type6::DeterminingSet;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Mutex, OnceLock};
 
-/// Cubes of a brick, and bricks of a node, per axis: the word of either has 4^3 = 64 bits, x fastest.
-pub(crate) const SIDE: usize = 4;
-
 /// Data a volume may have.
 pub(crate) trait Datum: Copy + PartialOrd + Into<f64> + Send + Sync + std::fmt::Debug + 'static {}
 impl<T: Copy + PartialOrd + Into<f64> + Send + Sync + std::fmt::Debug + 'static> Datum for T {}
-
-/// Bit of cube or brick (x, y, z) in its word; only the lowest two bits of each count.
-#[inline(always)]
-pub(crate) fn bit([x, y, z]: [i32; 3]) -> u32 {
-    ((z & 3) << 4 | (y & 3) << 2 | (x & 3)) as u32
-}
 
 #[inline(always)]
 fn least<T: PartialOrd>(a: T, b: T) -> T {
@@ -36,67 +28,39 @@ fn greatest<T: PartialOrd>(a: T, b: T) -> T {
     if b > a { b } else { a }
 }
 
-/// The range of every brick; depends on the data alone.
-#[derive(Debug)]
-pub(crate) struct Bricks<T> {
-    /// Bricks per axis.
-    pub(crate) dims: [usize; 3],
-    range: Vec<[T; 2]>,
-}
-
-impl<T: Datum> Bricks<T> {
-    /// For data of `dims`, each at least 2: as many cubes. In the memory of bricks that are not needed any more, where it suffices: a time step of the same size allocates nothing (K25).
-    pub(crate) fn new(data: &[T], dims: [usize; 3], old: Option<Self>) -> Self {
-        let bricks = dims.map(|n| n.div_ceil(SIDE));
-        let mut range = old.map_or_else(Vec::new, |o| o.range);
-        range.resize(bricks.iter().product(), [data[0]; 2]);
-        range.par_chunks_mut(bricks[0]).enumerate().for_each(|(row, out)| {
-            let span = |b: usize, n: usize| (b * SIDE).saturating_sub(1)..(b * SIDE + SIDE + 1).min(n);
-            for (i, o) in out.iter_mut().enumerate() {
-                let x = span(i, dims[0]);
-                let mut r: Option<[T; 2]> = None;
-                for z in span(row / bricks[1], dims[2]) {
-                    for y in span(row % bricks[1], dims[1]) {
-                        let start = (z * dims[1] + y) * dims[0];
-                        for &v in &data[start + x.start..start + x.end] {
-                            r = Some(r.map_or([v; 2], |[a, b]| [least(a, v), greatest(b, v)]));
-                        }
+/// The range of every brick, for data of `dims`, each at least 2: as many cubes. In the memory of bricks that are not needed any more, where it suffices: a time step of the same size allocates nothing (K25).
+pub(crate) fn ranges<T: Datum>(data: &[T], dims: [usize; 3], old: Option<Ranges<T>>) -> Ranges<T> {
+    let bricks = dims.map(|n| n.div_ceil(SIDE));
+    let mut range = old.map_or_else(Vec::new, |o| o.range);
+    range.resize(bricks.iter().product(), [data[0]; 2]);
+    range.par_chunks_mut(bricks[0]).enumerate().for_each(|(row, out)| {
+        let span = |b: usize, n: usize| (b * SIDE).saturating_sub(1)..(b * SIDE + SIDE + 1).min(n);
+        for (i, o) in out.iter_mut().enumerate() {
+            let x = span(i, dims[0]);
+            let mut r: Option<[T; 2]> = None;
+            for z in span(row / bricks[1], dims[2]) {
+                for y in span(row % bricks[1], dims[1]) {
+                    let start = (z * dims[1] + y) * dims[0];
+                    for &v in &data[start + x.start..start + x.end] {
+                        r = Some(r.map_or([v; 2], |[a, b]| [least(a, v), greatest(b, v)]));
                     }
                 }
-                if let Some(r) = r {
-                    *o = r;
-                }
             }
-        });
-        Self { dims: bricks, range }
-    }
-
-    /// Bytes held.
-    pub(crate) fn bytes(&self) -> usize {
-        size_of_val(self.range.as_slice())
-    }
-
-    /// Least and greatest datum of all.
-    pub(crate) fn whole(&self) -> (f64, f64) {
-        self.range
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &[lo, hi]| {
-                (a.min(lo.into()), b.max(hi.into()))
-            })
-    }
+            if let Some(r) = r {
+                *o = r;
+            }
+        }
+    });
+    Ranges { dims: bricks, range }
 }
 
 /// Bricks, and later cubes and tetrahedra, that the isovalues can meet; made anew when these change, in time linear in the number of bricks.
 #[derive(Debug)]
 pub(crate) struct Active {
-    /// Words per axis.
-    pub(crate) dims: [usize; 3],
-    /// Bit b of word w: brick b of node w may hold a surface.
-    pub(crate) words: Vec<u64>,
+    /// Which bricks may hold a surface.
+    pub(crate) nodes: Nodes,
     /// How cubes are classified.
     rule: Rule,
-    /// Active bricks before each word: where their cubes are.
-    before: Vec<u32>,
     /// Per active brick, made when the first ray enters it.
     bricks: Vec<OnceLock<Box<Cubes>>>,
     /// Whether determining sets are kept for the cubes that rays enter (K13).
@@ -157,42 +121,21 @@ impl Cubes {
 
 impl Active {
     /// In the memory of what was active before, where it suffices.
-    pub(crate) fn new<T: Datum>(bricks: &Bricks<T>, bounds: &[Bounds], rule: Rule, stored: bool, old: Option<Self>) -> Self {
-        let dims = bricks.dims.map(|n| n.div_ceil(SIDE));
-        let (mut words, mut before, mut all, spare) =
-            old.map_or_else(Default::default, |o| (o.words, o.before, o.bricks, o.spare));
-        words.clear();
-        words.resize(dims.iter().product(), 0u64);
-        words.par_chunks_mut(dims[0] * dims[1]).enumerate().for_each(|(z, layer)| {
-            for k in z * SIDE..(z * SIDE + SIDE).min(bricks.dims[2]) {
-                for j in 0..bricks.dims[1] {
-                    let row = &bricks.range[(k * bricks.dims[1] + j) * bricks.dims[0]..][..bricks.dims[0]];
-                    let word = &mut layer[j / SIDE * dims[0]..][..dims[0]];
-                    for (i, &[lo, hi]) in row.iter().enumerate() {
-                        let (lo, hi) = (lo.into(), hi.into());
-                        let on = bounds.iter().any(|b| b.meets(lo, hi));
-                        word[i / SIDE] |= u64::from(on) << bit([i as i32, j as i32, k as i32]);
-                    }
-                }
-            }
-        });
-        let mut count = 0u32;
-        before.clear();
-        before.extend(words.iter().map(|w| {
-            let at = count;
-            count += w.count_ones();
-            at
-        }));
+    pub(crate) fn new<T: Datum>(bricks: &Ranges<T>, bounds: &[Bounds], rule: Rule, stored: bool, old: Option<Self>) -> Self {
+        let (nodes, mut all, spare) = match old {
+            Some(old) => (Some(old.nodes), old.bricks, old.spare),
+            None => Default::default(),
+        };
+        let nodes = Nodes::new(bricks, bounds, nodes);
+        let count = nodes.count();
         let mut free = spare.into_inner().unwrap_or_default();
         free.extend(all.iter_mut().filter_map(OnceLock::take));
         // No more than can be needed.
-        free.truncate(count as usize);
-        all.resize_with(count as usize, OnceLock::new);
+        free.truncate(count);
+        all.resize_with(count, OnceLock::new);
         Self {
-            dims,
-            words,
+            nodes,
             rule,
-            before,
             bricks: all,
             stored,
             spare: Mutex::new(free),
@@ -233,14 +176,7 @@ impl Active {
             |c: &Cubes| size_of::<Cubes>() + c.kinds.capacity() * 4 + c.sets.len() * 16 + c.sets.iter().map(set).sum::<usize>();
         let spare: usize = self.spare.lock().map_or(0, |s| s.iter().map(|c| of(c)).sum());
         let cubes = made.map(|c| of(c)).sum::<usize>() + spare;
-        self.words.len() * 12 + self.bricks.len() * size_of::<OnceLock<Box<Cubes>>>() + cubes
-    }
-
-    /// The word of a node.
-    #[inline(always)]
-    pub(crate) fn word_of(&self, node: [i32; 3]) -> usize {
-        let [x, y, z] = node.map(|i| i as usize);
-        (z * self.dims[1] + y) * self.dims[0] + x
+        self.nodes.bytes() + self.bricks.len() * size_of::<OnceLock<Box<Cubes>>>() + cubes
     }
 
     /// Whether nothing that can hold a surface is left out.
@@ -270,8 +206,7 @@ impl Active {
         dims: [usize; 3],
         bounds: &[Bounds],
     ) -> &Cubes {
-        let below = self.words[w] & ((1u64 << b) - 1);
-        self.bricks[(self.before[w] + below.count_ones()) as usize].get_or_init(|| {
+        self.bricks[self.nodes.brick(w, b)].get_or_init(|| {
             let mask = active_cubes(at, data, dims, bounds);
             let mask = match self.rule {
                 Rule::DeterminingSet => narrowed(self.rule, mask, at, data, dims, bounds),
@@ -347,6 +282,7 @@ pub(crate) fn active_cubes<T: Datum>(brick: [i32; 3], data: &[T], dims: [usize; 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use isobar_cpu::nodes::bit;
 
     /// A brick or cube is active exactly where the range of its 27 data meets the isovalue, also where sizes divide nothing.
     #[test]
@@ -359,7 +295,7 @@ mod tests {
                     (s >> 8) as f32 / 65536.0 / 8.0 + (i % dims[0]) as f32 * 10.0
                 })
                 .collect();
-            let bricks = Bricks::new(&data, dims, None);
+            let bricks = ranges(&data, dims, None);
             let bounds = [Bounds::new(20.0, 0.0, (0.0, 256.0)), Bounds::new(90.0, 0.0, (0.0, 256.0))];
             let active = Active::new(&bricks, &bounds, Rule::Data, false, None);
             let (mut count, mut off) = (0, 0);
@@ -375,9 +311,8 @@ mod tests {
                         let want = bounds.iter().any(|b| b.meets(lo, hi));
                         let cube = [x as i32, y as i32, z as i32];
                         let brick = cube.map(|c| c >> 2);
-                        let w = ((brick[2] >> 2) as usize * active.dims[1] + (brick[1] >> 2) as usize) * active.dims[0]
-                            + (brick[0] >> 2) as usize;
-                        let on = active.words[w] >> bit(brick) & 1 == 1;
+                        let w = active.nodes.word_of(brick.map(|b| b >> 2));
+                        let on = active.nodes.words[w] >> bit(brick) & 1 == 1;
                         assert!(on || !want, "an active cube in a brick that is not");
                         if on {
                             let mask = active.cubes(w, bit(brick), brick, &data, dims, &bounds).mask();
@@ -391,6 +326,7 @@ mod tests {
             assert!(count > 0 && (off > 0 || dims[0] == 2), "{dims:?}");
         }
     }
+
     /// A further time step, and a further isovalue, in the memory of the one before.
     #[test]
     fn a_time_step_allocates_nothing() {
@@ -398,21 +334,21 @@ mod tests {
         let step = |shift: usize| -> Vec<f32> { (0..dims.iter().product()).map(|i: usize| ((i + shift) % 97) as f32).collect() };
         let bounds = [Bounds::new(40.0, 0.0, (0.0, 96.0))];
         let data = step(0);
-        let bricks = Bricks::new(&data, dims, None);
+        let bricks = ranges(&data, dims, None);
         let active = Active::new(&bricks, &bounds, Rule::Coefficients, false, None);
         let enter = |active: &Active, data: &[f32]| {
-            let first = active.cubes(0, active.words[0].trailing_zeros(), [0; 3], data, dims, &bounds);
+            let first = active.cubes(0, active.nodes.words[0].trailing_zeros(), [0; 3], data, dims, &bounds);
             first.keep(3, 5);
             (std::ptr::from_ref(first), first.kinds.as_ptr())
         };
         let cubes = enter(&active, &data);
-        let (words, ranges, bytes) = (active.words.as_ptr(), bricks.range.as_ptr(), active.bytes());
+        let (words, range, bytes) = (active.nodes.words.as_ptr(), bricks.range.as_ptr(), active.bytes());
         let data = step(31);
-        let bricks = Bricks::new(&data, dims, Some(bricks));
+        let bricks = ranges(&data, dims, Some(bricks));
         let active = Active::new(&bricks, &bounds, Rule::Coefficients, false, Some(active));
-        assert_eq!((active.words.as_ptr(), bricks.range.as_ptr()), (words, ranges));
+        assert_eq!((active.nodes.words.as_ptr(), bricks.range.as_ptr()), (words, range));
         assert_eq!(active.bytes(), bytes, "the brick entered before is spare now");
-        let first = active.cubes(0, active.words[0].trailing_zeros(), [0; 3], &data, dims, &bounds);
+        let first = active.cubes(0, active.nodes.words[0].trailing_zeros(), [0; 3], &data, dims, &bounds);
         assert_eq!(first.known(3), None, "nothing is known any more");
         assert_eq!((enter(&active, &data), active.bytes()), (cubes, bytes));
     }

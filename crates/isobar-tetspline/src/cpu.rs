@@ -1,11 +1,11 @@
 //! `tetspline/cpu` as a method.
 
-use crate::bricks::{Active, Bricks};
+use crate::bricks::{Active, ranges};
 use crate::caps::Caps;
 use crate::classify::Rule;
 use crate::packet::{Job, Projection};
 use crate::paint::Paint;
-use crate::ray::{Bounds, Space};
+use crate::ray::Space;
 use crate::roots::Finder;
 use crate::single::{Extra, draw};
 use crate::smooth;
@@ -14,6 +14,8 @@ use isobar_core::{
     Counters, Data, DataKind, Frame, Function, Grid, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
     RenderTime, Renderer, Request, ResolvedKnobs, Samples, Scene, Stage, Stop, Surface, TransferFunction, Unsupported, View,
 };
+use isobar_cpu::index::Bounds;
+use isobar_cpu::nodes::Ranges;
 use isobar_cpu::scene::{Isovalues, check_clipped_scene, check_medium, check_request, grid};
 use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
 use isobar_fields::{Coefficients, Type6Spline};
@@ -163,10 +165,10 @@ impl Settings {
 /// Bricks of any type of data.
 #[derive(Debug)]
 enum AnyBricks {
-    U8(Bricks<u8>),
-    I16(Bricks<i16>),
-    U16(Bricks<u16>),
-    F32(Bricks<f32>),
+    U8(Ranges<u8>),
+    I16(Ranges<i16>),
+    U16(Ranges<u16>),
+    F32(Ranges<f32>),
 }
 
 /// Runs `$body` with the typed data and bricks.
@@ -249,7 +251,7 @@ impl Tetspline {
             macro_rules! renewed {
                 ($kind:ident, $data:expr) => {{
                     let old = old.and_then(|b| if let AnyBricks::$kind(b) = b { Some(b) } else { None });
-                    AnyBricks::$kind(Bricks::new($data, dims, old))
+                    AnyBricks::$kind(ranges($data, dims, old))
                 }};
             }
             let bricks = match spline.coefficients() {

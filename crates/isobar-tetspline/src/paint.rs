@@ -141,7 +141,7 @@ fn on_curve(p: DVec3, hit: &Hit, reach: f64, space: &Space) -> bool {
     (0..3).any(|a| {
         // Faces are the planes of index n + 1/2.
         let away = (p[a] - 0.5 - (p[a] - 0.5).round()).abs();
-        let across = space.world_gradient(three(|b| if a == b { 1.0 } else { 0.0 }));
+        let across = space.world_gradient(DVec3::AXES[a]);
         let slope = across.reject_from_normalized(normal).length();
         away < reach * slope
     })

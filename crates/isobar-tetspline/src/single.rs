@@ -5,10 +5,11 @@ use crate::caps::Caps;
 use crate::cpu::MARGIN;
 use crate::packet::{Job, Projection, RaySet, holds};
 use crate::paint::{Colours, Paint};
-use crate::ray::{Entry, Space, Walk};
+use crate::ray::{Space, Walk};
 use crate::walk::{Root, Scratch, Search, Work};
 use glam::DVec3;
 use isobar_core::{Claim, Hit, Pixel, Ray};
+use isobar_cpu::index::Entry;
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Kernel, Level, PixelSink};
 
@@ -93,9 +94,9 @@ impl<T: Datum> Kernel for SingleRays<'_, '_, T> {
             let entry = Walk::enter(&ray, space, &view.clips, search.margin);
             let mut sure = claims && search.margin <= MARGIN;
             if let Entry::Through(walk) = &entry {
-                sure &= search.margin + walk.ends <= MARGIN;
+                sure &= search.margin + walk.line.ends <= MARGIN;
                 if sure {
-                    search.margin += walk.ends;
+                    search.margin += walk.line.ends;
                 }
             }
             // Whether a cut is closed where a ray meets it is looked at, not proved.

@@ -6,22 +6,14 @@
 //! tetrahedron a segment belongs to is read off its middle.
 //! The bound on the error of a coefficient is derived in `ray.rs`.
 
-use crate::bricks::{Active, Datum, SIDE, bit};
+use crate::bricks::{Active, Cubes, Datum};
 use crate::cube::{self, Data};
-use crate::ray::{Bounds, FORMS, Walk, three};
+use crate::ray::{FORMS, Walk, three};
 use crate::roots::{Chain, Finder, Found};
+use glam::DVec3;
+use isobar_cpu::index::Bounds;
+use isobar_cpu::nodes::{Cast, bit};
 use isobar_fields::type6::{DENOMINATOR, DeterminingSet, kind_of};
-
-#[inline(always)]
-fn nearest(t: [f64; 3]) -> usize {
-    if t[0] < t[1] {
-        if t[0] < t[2] { 0 } else { 2 }
-    } else if t[1] < t[2] {
-        1
-    } else {
-        2
-    }
-}
 
 /// Least and greatest coefficient.
 #[inline(always)]
@@ -51,7 +43,7 @@ pub(crate) struct Root {
     /// Index of the isovalue.
     pub(crate) surface: usize,
     /// Gradient of s in index space.
-    pub(crate) gradient: [f64; 3],
+    pub(crate) gradient: DVec3,
 }
 
 /// What is kept along a ray.
@@ -117,6 +109,44 @@ impl<T> Search<'_, T> {
     }
 }
 
+impl<'a, T: Datum, F: FnMut(&Root) -> bool> Cast<Way<'_, F>> for Search<'a, T> {
+    type Brick = (&'a Cubes, u64);
+
+    #[inline(always)]
+    fn node(&self, way: &mut Way<'_, F>) {
+        way.work.nodes += 1;
+    }
+
+    #[inline(always)]
+    fn brick(&self, way: &mut Way<'_, F>, word: usize, brick: [i32; 3]) -> (&'a Cubes, u64) {
+        way.work.bricks += 1;
+        let cubes = self.active.cubes(word, bit(brick), brick, self.data, self.dims, self.bounds);
+        (cubes, cubes.mask())
+    }
+
+    #[inline(always)]
+    fn cell(&self, way: &mut Way<'_, F>, &(cubes, mask): &(&'a Cubes, u64), cube: [i32; 3], from: f64, to: f64) -> bool {
+        way.work.cubes += 1;
+        let b = bit(cube);
+        if mask >> b & 1 == 0 {
+            return true;
+        }
+        let kinds = cubes.known(b).unwrap_or_else(|| {
+            let kinds = self.kinds(cube);
+            cubes.keep(b, kinds);
+            kinds
+        });
+        if kinds == 0 {
+            return true;
+        }
+        let set = cubes.set(b, || {
+            let data = self.gather(cube);
+            DeterminingSet::new(&std::array::from_fn(|n| data[n]))
+        });
+        self.cube(way, cube, kinds, set, [from, to])
+    }
+}
+
 impl<T: Datum> Search<'_, T> {
     /// Calls `push` with the roots in order until it returns false. Returns whether all of the ray that was walked is certain.
     #[inline(always)]
@@ -130,111 +160,11 @@ impl<T: Datum> Search<'_, T> {
             jet: (f64::NEG_INFINITY, [0.0; 2]),
             push,
         };
-        if self.nodes(&mut way) {
+        let cubes = three(|a| self.dims[a] as i32);
+        if walk.line.cross(&self.active.nodes, cubes, self, &mut way) {
             self.skip(&mut way);
         }
         way.scratch.chains.iter().all(|c| c.certain && c.is_settled())
-    }
-
-    /// Returns whether to go on (to the end of the ray).
-    #[inline(always)]
-    fn nodes<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>) -> bool {
-        let w = way.walk;
-        let last = three(|a| (self.dims[a] as i32 - 1) >> 2);
-        let mut brick = three(|a| (w.cube_at(a, w.t0) >> 2).clamp(0, last[a]));
-        let mut t = w.t0;
-        'node: loop {
-            way.work.nodes += 1;
-            let node = three(|a| brick[a] >> 2);
-            let at = self.active.word_of(node);
-            let word = self.active.words[at];
-            if word != 0 {
-                let mut exits = w.exits(brick, 2);
-                loop {
-                    let a = nearest(exits);
-                    // Rounded planes may lie behind where the ray is: it never goes back.
-                    let te = exits[a].min(w.t1).max(t);
-                    if word >> bit(brick) & 1 != 0 && !self.brick(way, at, brick, t, te) {
-                        return false;
-                    }
-                    if te >= w.t1 {
-                        return true;
-                    }
-                    brick[a] += w.step[a];
-                    t = t.max(te);
-                    if brick[a] >> 2 != node[a] {
-                        if brick[a] < 0 || brick[a] > last[a] {
-                            return true;
-                        }
-                        continue 'node;
-                    }
-                    exits[a] = w.plane(a, (brick[a] + w.up[a]) << 2);
-                }
-            }
-            let exits = w.exits(node, 4);
-            let a = nearest(exits);
-            if exits[a] >= w.t1 {
-                return true;
-            }
-            t = t.max(exits[a]);
-            for i in 0..3 {
-                brick[i] = (w.cube_at(i, t) >> 2).clamp(node[i] << 2, (node[i] << 2 | 3).min(last[i]));
-            }
-            brick[a] = if w.step[a] > 0 {
-                (node[a] + 1) << 2
-            } else {
-                (node[a] << 2) - 1
-            };
-            if brick[a] < 0 || brick[a] > last[a] {
-                return true;
-            }
-        }
-    }
-
-    /// Returns whether to go on.
-    #[inline(always)]
-    fn brick<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>, word: usize, brick: [i32; 3], t0: f64, t1: f64) -> bool {
-        way.work.bricks += 1;
-        let w = way.walk;
-        let cubes = self.active.cubes(word, bit(brick), brick, self.data, self.dims, self.bounds);
-        let mask = cubes.mask();
-        let mut cube = three(|a| {
-            let lo = brick[a] << 2;
-            w.cube_at(a, t0).clamp(lo, (lo | 3).min(self.dims[a] as i32 - 1))
-        });
-        let mut exits = w.exits(cube, 0);
-        let mut t = t0;
-        loop {
-            let a = nearest(exits);
-            let te = exits[a].min(t1).max(t);
-            way.work.cubes += 1;
-            let b = bit(cube);
-            if mask >> b & 1 != 0 {
-                let kinds = cubes.known(b).unwrap_or_else(|| {
-                    let kinds = self.kinds(cube);
-                    cubes.keep(b, kinds);
-                    kinds
-                });
-                if kinds != 0 {
-                    let set = cubes.set(b, || {
-                        let data = self.gather(cube);
-                        DeterminingSet::new(&std::array::from_fn(|n| data[n]))
-                    });
-                    if !self.cube(way, cube, kinds, set, [t, te]) {
-                        return false;
-                    }
-                }
-            }
-            if te >= t1 {
-                return true;
-            }
-            cube[a] += w.step[a];
-            if cube[a] >> 2 != brick[a] {
-                return true;
-            }
-            t = t.max(te);
-            exits[a] = w.plane(a, cube[a] + w.up[a]);
-        }
     }
 
     /// The 27 data of a cube minus the first isovalue.
@@ -314,7 +244,7 @@ impl<T: Datum> Search<'_, T> {
         }
         cuts[count] = t1;
         let mut data: Option<Data> = None;
-        let local = |t: f64| three(|a| (w.o[a] - f64::from(cube[a])) + t * w.d[a]);
+        let local = |t: f64| three(|a| (w.line.o[a] - f64::from(cube[a])) + t * w.line.d[a]);
         let (mut from, mut p) = (t0, local(t0));
         for &to in &cuts[..=count] {
             let q = local(to);
@@ -352,7 +282,7 @@ impl<T: Datum> Search<'_, T> {
         let (least, greatest) = if known { (f64::NEG_INFINITY, f64::INFINITY) } else { hull(b) };
         let mut cubic: Option<[f64; 4]> = None;
         let phi = || [cube::barycentric(kind, p), cube::barycentric(kind, q)];
-        let (d, last) = (way.walk.d, &mut way.jet);
+        let (d, last) = (way.walk.line.d, &mut way.jet);
         let found = &mut way.scratch.found;
         found.clear();
         for (n, (bounds, chain)) in self.bounds.iter().zip(&mut way.scratch.chains).enumerate() {
@@ -413,7 +343,7 @@ impl<T: Datum> Search<'_, T> {
             let root = Root {
                 found,
                 surface,
-                gradient: cube::gradient(b, kind, phi),
+                gradient: cube::gradient(b, kind, phi).into(),
             };
             if !(way.push)(&root) {
                 return false;
@@ -441,7 +371,7 @@ impl<T: Datum> Search<'_, T> {
         // The gradient at the end of the last cube that was looked at.
         let w = way.walk;
         let t = way.scratch.found.iter().fold(f64::INFINITY, |t, f| t.min(f.0.t));
-        let p = three(|a| w.o[a] + t * w.d[a]);
+        let p = three(|a| w.line.at(a, t));
         let cube = three(|a| (p[a].round() as i32).clamp(0, self.dims[a] as i32 - 1));
         let p = three(|a| p[a] - f64::from(cube[a]));
         let kind = kind_of(p);
@@ -450,5 +380,3 @@ impl<T: Datum> Search<'_, T> {
         self.deliver(way, &b, kind, [t, t], [phi, phi])
     }
 }
-
-const _: () = assert!(SIDE == 4, "words of 64 bits, indices shifted by 2 and 4");

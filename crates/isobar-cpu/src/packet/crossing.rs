@@ -4,15 +4,10 @@ use super::lanes::Lanes;
 use super::rays::{Frustum, Place, Rays, Space};
 use super::three;
 use super::view::{Projection, Seen};
+use crate::nodes::bit;
 
 /// The frustum is taken wider by this, index units: far more than rays are rounded by.
 const WIDER: f64 = 1e-4;
-
-/// Bit of a brick in its node, of a cell in its brick.
-#[inline(always)]
-const fn bit(at: [i32; 3]) -> u32 {
-    (at[0] & 3 | (at[1] & 3) << 2 | (at[2] & 3) << 4) as u32
-}
 
 impl Frustum {
     /// Interval of the i-th minor axis on the slab between planes a and b of the major one. The least of linear functions is concave, the

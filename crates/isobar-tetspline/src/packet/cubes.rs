@@ -131,8 +131,8 @@ impl Cells for Cubes<'_> {
 
     #[inline(always)]
     fn node(&self, node: [i32; 3]) -> u64 {
-        let active = self.field.active();
-        active.words[active.word_of(node)]
+        let nodes = &self.field.active().nodes;
+        nodes.words[nodes.word_of(node)]
     }
 
     #[inline(always)]

@@ -27,7 +27,10 @@ impl Job<'_, '_> {
                     p.rays.single[ray / LANES] |= 1 << (ray % LANES);
                     continue;
                 }
-                let normal = self.space.world_gradient(three(|a| gradient[a][l])).normalize_or(DVec3::ZERO);
+                let normal = self
+                    .space
+                    .world_gradient(three(|a| gradient[a][l]).into())
+                    .normalize_or(DVec3::ZERO);
                 let root = Solved {
                     t: lanes[0][l],
                     error: lanes[1][l],

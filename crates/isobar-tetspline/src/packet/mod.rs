@@ -17,13 +17,14 @@ mod pieces;
 #[cfg(test)]
 mod tests;
 
-use crate::bricks::{self, Active, Datum, bit};
+use crate::bricks::{self, Active, Datum};
 use crate::cube::Data;
-use crate::ray::{Bounds, FORMS, PART, STEEPEST, Space, three};
+use crate::ray::{FORMS, Space, three};
 use crate::walk::{Search, Work};
 use cubes::Cubes;
-use glam::DVec3;
-use isobar_core::{Channels, Domain, View};
+use isobar_core::{Channels, View};
+use isobar_cpu::index::Bounds;
+use isobar_cpu::nodes::bit;
 use isobar_cpu::packet::{BLOCKS, Crossing, LANES, Lanes, PerRay, Place, RAYS, Wanted, WithLanes, fits, ones, run};
 pub(crate) use isobar_cpu::packet::{Projection, RaySet, holds};
 use isobar_cpu::scene::Isovalues;
@@ -65,33 +66,11 @@ impl<T: Datum> Field for Search<'_, T> {
         Search::finds_all(self)
     }
     fn brick(&self, brick: [i32; 3]) -> &bricks::Cubes {
-        let word = self.active.word_of(three(|a| brick[a] >> 2));
+        let word = self.active.nodes.word_of(three(|a| brick[a] >> 2));
         self.active.cubes(word, bit(brick), brick, self.data, self.dims, self.bounds)
     }
     fn data(&self, cube: [i32; 3]) -> Data {
         self.gather(cube)
-    }
-}
-
-impl isobar_cpu::packet::Space for Space {
-    const PART: f64 = PART;
-    const STEEPEST: f64 = STEEPEST;
-
-    #[inline(always)]
-    fn domain(&self) -> &Domain {
-        &self.domain
-    }
-    #[inline(always)]
-    fn world(&self) -> (DVec3, DVec3) {
-        self.world
-    }
-    #[inline(always)]
-    fn vector(&self, v: DVec3) -> DVec3 {
-        self.index_vector(v)
-    }
-    #[inline(always)]
-    fn margin(&self, origin: DVec3) -> f64 {
-        Self::margin(self, origin)
     }
 }
 

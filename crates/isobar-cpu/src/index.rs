@@ -1,0 +1,411 @@
+//! The index space of a grid, the part of a ray inside it, and what rounding can hide there.
+//!
+//! A plane's parameter is *one expression of its index*, whatever the size of the blocks it separates ([`Line::plane`]), so that blocks inside one another end at the same bits and no
+//! stretch of a ray falls between two of them. Where a ray enters or leaves the domain the plane is off by the error of a position, and a clipping plane by what [`clip`] says: the part
+//! of the ray is known as rounded, in a domain grown by that error, and in one shrunk by it; [`Line::ends`] is what lies between.
+
+use crate::clip::{self, Side, kept};
+use crate::packet::{self, Lanes, three};
+use glam::DVec3;
+use isobar_core::{ClipPlane, Domain, Ray};
+use std::fmt::Debug;
+use std::marker::PhantomData;
+
+/// Unit roundoff of f64.
+const U: f64 = 0.5 * f64::EPSILON;
+
+/// How a method bounds what rounding does: it derives these numbers where its polynomials are made.
+///
+/// u = 2^-53. A position in index space is off per axis by at most E = [`POSITION`](Self::POSITION) u (|eye| + |origin of the grid| + |t d|)/spacing + [`INDEX`](Self::INDEX) u n. The
+/// *margin* of a ray is [`PART`](Self::PART) E + [`REST`](Self::REST) u: what a coefficient along it is off by, in units of the greatest |datum - isovalue|.
+pub trait Rounding: Debug + Clone + Copy + Send + Sync + 'static {
+    /// Roundings of a position, in those of world coordinates; eight times as many, and [`IndexSpace::skew`](IndexSpace) times, where the axes are not those of the world.
+    const POSITION: f64;
+    /// Roundings of a position, in those of the greatest index.
+    const INDEX: f64;
+    /// Errors E of a position that the margin holds.
+    const PART: f64;
+    /// Roundings that the margin holds beside.
+    const REST: f64;
+    /// How much faster the function changes along a ray than the ray itself moves, in units of the greatest |datum - isovalue|, index units and its fastest axis.
+    const STEEPEST: f64;
+
+    /// More than the greatest t at which a ray can be inside a box of the world: see [`clip::reach`].
+    #[inline(always)]
+    #[must_use]
+    fn reach(ray: &Ray, world: (DVec3, DVec3)) -> f64 {
+        clip::reach(ray, world)
+    }
+}
+
+/// An isovalue with what is needed to be sure about it.
+#[derive(Debug, Clone, Copy)]
+pub struct Bounds {
+    /// The isovalue.
+    pub isovalue: f64,
+    /// Greatest |datum - isovalue|.
+    pub size: f64,
+    lo: f64,
+    hi: f64,
+}
+
+impl Bounds {
+    /// `margin`: the greatest margin of any ray to come; `range` that of all data.
+    #[must_use]
+    pub fn new(isovalue: f64, margin: f64, range: (f64, f64)) -> Self {
+        let size = (range.1 - isovalue).abs().max((range.0 - isovalue).abs());
+        let m = margin * size;
+        Self {
+            isovalue,
+            size,
+            lo: isovalue - m,
+            hi: isovalue + m,
+        }
+    }
+
+    /// What counts as reaching the isovalue, in units of the data.
+    #[must_use]
+    pub fn margin(&self) -> f64 {
+        self.hi - self.isovalue
+    }
+
+    /// Whether values between `lo` and `hi` can reach the isovalue, up to the margin.
+    #[inline(always)]
+    #[must_use]
+    pub fn meets(&self, lo: f64, hi: f64) -> bool {
+        lo <= self.hi && hi >= self.lo
+    }
+}
+
+/// Index space of a grid, with a method's bounds on rounding.
+#[derive(Debug, Clone, Copy)]
+pub struct IndexSpace<R> {
+    /// The grid's.
+    pub domain: Domain,
+    /// Whether its axes are those of the world.
+    pub aligned: bool,
+    /// World displacement to index space, by columns: the reciprocal spacings, or the inverse of the axes.
+    pub to_index: [DVec3; 3],
+    /// World bounds of the domain.
+    pub world: (DVec3, DVec3),
+    /// Added to indices of samples in a [`Line`].
+    shift: f64,
+    /// Index units per world unit, an upper bound.
+    scale: f64,
+    /// Product of the lengths of the axes over the volume they span: how much the inverse of a skew matrix loses; 1 where they are orthogonal.
+    skew: f64,
+    rounding: PhantomData<R>,
+}
+
+impl<R: Rounding> IndexSpace<R> {
+    /// Of a grid with this domain.
+    #[must_use]
+    pub fn new(domain: Domain) -> Self {
+        let a = domain.axes;
+        let aligned = domain.is_axis_aligned();
+        let to_index = if aligned {
+            [DVec3::X / a.x_axis.x, DVec3::Y / a.y_axis.y, DVec3::Z / a.z_axis.z]
+        } else {
+            let m = a.inverse();
+            [m.x_axis, m.y_axis, m.z_axis]
+        };
+        Self {
+            domain,
+            aligned,
+            to_index,
+            world: domain.world_bounds(),
+            shift: 0.0,
+            scale: if aligned {
+                to_index[0].x.abs().max(to_index[1].y.abs()).max(to_index[2].z.abs())
+            } else {
+                to_index.iter().map(|c| c.length()).sum()
+            },
+            skew: a.x_axis.length() * a.y_axis.length() * a.z_axis.length() / a.determinant().abs(),
+            rounding: PhantomData,
+        }
+    }
+
+    /// The same with `shift` added to the indices in a [`Line`], so that cells centred on samples begin at whole numbers.
+    #[must_use]
+    pub fn shifted(self, shift: f64) -> Self {
+        Self { shift, ..self }
+    }
+
+    /// What is added to the index of a sample in a [`Line`].
+    #[must_use]
+    pub const fn shift(&self) -> f64 {
+        self.shift
+    }
+
+    /// A world displacement in index space.
+    #[inline(always)]
+    #[must_use]
+    pub fn index_vector(&self, v: DVec3) -> DVec3 {
+        let [x, y, z] = self.to_index;
+        if self.aligned {
+            v * DVec3::new(x.x, y.y, z.z)
+        } else {
+            x * v.x + y * v.y + z * v.z
+        }
+    }
+
+    /// World gradient from that in index space.
+    #[inline(always)]
+    #[must_use]
+    pub fn world_gradient(&self, g: DVec3) -> DVec3 {
+        let [x, y, z] = self.to_index;
+        if self.aligned {
+            g * DVec3::new(x.x, y.y, z.z)
+        } else {
+            DVec3::new(x.dot(g), y.dot(g), z.dot(g))
+        }
+    }
+
+    /// The bound E of [`Rounding`] for rays from `origin`, as far as they can be inside the domain.
+    #[inline(always)]
+    #[must_use]
+    pub fn position_error(&self, origin: DVec3) -> f64 {
+        let (lo, hi) = self.world;
+        let far = (origin - lo).abs().max((origin - hi).abs()).length();
+        let n = self.domain.hi.max_element() + self.shift + 1.0;
+        let world = origin.abs().max_element() + self.domain.origin.abs().max_element() + 2.0 * far;
+        // The inverse of a general matrix loses some more digits, the more the nearer the axes are to a plane.
+        let factor = if self.aligned {
+            R::POSITION
+        } else {
+            8.0 * R::POSITION * self.skew
+        };
+        factor * U * world * self.scale + R::INDEX * U * n
+    }
+
+    /// The margin of a ray from `origin`, as far as it can be inside the domain.
+    #[inline(always)]
+    #[must_use]
+    pub fn margin(&self, origin: DVec3) -> f64 {
+        R::PART * self.position_error(origin) + R::REST * U
+    }
+
+    /// No point of the domain lies further along the ray than this.
+    #[inline(always)]
+    #[must_use]
+    pub fn reach(&self, ray: &Ray) -> f64 {
+        R::reach(ray, self.world)
+    }
+}
+
+impl<R: Rounding> packet::Space for IndexSpace<R> {
+    const PART: f64 = R::PART;
+    const STEEPEST: f64 = R::STEEPEST;
+
+    #[inline(always)]
+    fn domain(&self) -> &Domain {
+        &self.domain
+    }
+    #[inline(always)]
+    fn world(&self) -> (DVec3, DVec3) {
+        self.world
+    }
+    #[inline(always)]
+    fn vector(&self, v: DVec3) -> DVec3 {
+        self.index_vector(v)
+    }
+    #[inline(always)]
+    fn vectors<S: Lanes>(&self, v: [S; 3]) -> [S; 3] {
+        let m = self.to_index;
+        let along = |i: usize, a: usize| S::splat(m[i][a]).mul(v[i]);
+        if self.aligned {
+            three(|a| along(a, a))
+        } else {
+            three(|a| along(0, a).add(along(1, a)).add(along(2, a)))
+        }
+    }
+    #[inline(always)]
+    fn margin(&self, origin: DVec3) -> f64 {
+        Self::margin(self, origin)
+    }
+}
+
+/// Components of a direction below this part of the greatest are taken as 0: their reciprocals would overflow, and over the longest way through a domain they move a position by nothing
+/// that counts.
+const NOTHING: f64 = 1e-100;
+
+/// A direction without components that are next to nothing.
+#[inline(always)]
+#[must_use]
+pub fn cleaned(d: [f64; 3]) -> [f64; 3] {
+    let most = fastest(d);
+    three(|a| if d[a].abs() < NOTHING * most { 0.0 } else { d[a] })
+}
+
+#[inline(always)]
+fn fastest(d: [f64; 3]) -> f64 {
+    d[0].abs().max(d[1].abs()).max(d[2].abs())
+}
+
+/// What planes keep of a ray in a domain grown by e.
+#[inline(always)]
+#[must_use]
+pub fn side(e: f64) -> Side {
+    if e == 0.0 {
+        Side::Rounded
+    } else if e > 0.0 {
+        Side::Outer
+    } else {
+        Side::Inner
+    }
+}
+
+/// See [`Line::ends`]. `of(e)`: the parameters at which the ray enters and leaves the domain grown by e; `e` is at least the error of a position.
+/// The ray enters and leaves within the grown and the shrunk domain.
+#[inline(always)]
+#[must_use]
+pub fn ends(steepest: f64, d: [f64; 3], [t0, t1]: [f64; 2], e: f64, of: impl Fn(f64) -> (f64, f64)) -> f64 {
+    let ((first, last), (late, early)) = (of(e), of(-e));
+    // What is not a number meets nothing.
+    let met = late <= early;
+    if !met {
+        return f64::INFINITY;
+    }
+    // At an edge of the domain the inner distance can be the larger one: another plane decides there.
+    steepest * (t0 - first).max(last - t1).max(late - t0).max(t1 - early) * fastest(d)
+}
+
+/// A ray in index space, and the part of it in the domain. `HALVES`: cells begin half an index below their number (they are centred on samples, and positions are not shifted).
+#[derive(Debug, Clone, Copy)]
+pub struct Line<const HALVES: bool = false> {
+    /// Origin.
+    pub o: [f64; 3],
+    /// Direction.
+    pub d: [f64; 3],
+    /// Reciprocals of its components; 0 for those that are 0.
+    pub inv: [f64; 3],
+    /// Parameter of the plane with coordinate x: `x * inv + shift`; +inf where the ray is parallel to it.
+    pub shift: [f64; 3],
+    /// 1 along axes that the ray ascends, 0 along others.
+    pub up: [i32; 3],
+    /// 1 along axes that the ray ascends, -1 along others.
+    pub step: [i32; 3],
+    /// Where it enters.
+    pub t0: f64,
+    /// Where it leaves.
+    pub t1: f64,
+    /// What the margin of this ray grows by, so that a certain sign at t0 and t1 holds for what lies between them and the true ends of the domain; +inf where the ray may miss the
+    /// domain altogether, 0 where nothing is to be proved.
+    pub ends: f64,
+}
+
+/// Whether a ray meets what is kept of the domain.
+#[derive(Debug)]
+pub enum Entry<L> {
+    /// It does.
+    Through(L),
+    /// It does not; for certain, if it would miss a domain larger by its error too.
+    Misses {
+        /// Whether that is proved.
+        certain: bool,
+    },
+}
+
+impl<L> Entry<L> {
+    /// With what a method keeps of the line beside.
+    #[inline(always)]
+    #[must_use]
+    pub fn map<M>(self, f: impl FnOnce(L) -> M) -> Entry<M> {
+        match self {
+            Self::Through(line) => Entry::Through(f(line)),
+            Self::Misses { certain } => Entry::Misses { certain },
+        }
+    }
+}
+
+impl<const HALVES: bool> Line<HALVES> {
+    /// The part at t >= 0 of a ray inside the domain that all clipping planes keep; `margin`: that of the ray, where something is to be proved.
+    #[inline(always)]
+    #[must_use]
+    pub fn enter<R: Rounding>(ray: &Ray, space: &IndexSpace<R>, clips: &[ClipPlane], margin: Option<f64>) -> Entry<Self> {
+        let o = space.index_vector(ray.origin - space.domain.origin);
+        // Not + 0: that changes the sign of a zero.
+        let o = if space.shift == 0.0 { o } else { o + space.shift }.to_array();
+        let d = cleaned(space.index_vector(ray.direction).to_array());
+        let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
+        let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
+        // The stretch inside the domain grown by e on every side, and with it what the planes keep.
+        let inside = |e: f64| {
+            let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
+            if !clips.is_empty() {
+                (t0, t1) = kept(ray, clips, space.reach(ray), side(e));
+            }
+            for a in 0..3 {
+                let (lo, hi) = (-(e - space.shift), space.domain.hi[a] + space.shift + e);
+                if d[a] == 0.0 {
+                    if o[a] < lo || o[a] > hi {
+                        t1 = -1.0;
+                    }
+                } else {
+                    let (x, y) = (lo * inv[a] + shift[a], hi * inv[a] + shift[a]);
+                    t0 = t0.max(x.min(y));
+                    t1 = t1.min(x.max(y));
+                }
+            }
+            (t0, t1)
+        };
+        let (t0, t1) = inside(0.0);
+        if t0 > t1 {
+            let outside = |margin| {
+                let (a, b) = inside(margin);
+                a > b
+            };
+            return Entry::Misses {
+                certain: margin.is_some_and(outside),
+            };
+        }
+        Entry::Through(Self {
+            o,
+            d,
+            inv,
+            shift,
+            up: three(|a| i32::from(d[a] >= 0.0)),
+            step: three(|a| if d[a] >= 0.0 { 1 } else { -1 }),
+            t0,
+            t1,
+            ends: margin.map_or(0.0, |m| ends(R::STEEPEST, d, [t0, t1], m / R::PART, inside)),
+        })
+    }
+
+    /// Parameter of the plane at which the cells with index `at` begin along axis `a`: the same expression for cells, bricks and nodes.
+    #[inline(always)]
+    #[must_use]
+    pub fn plane(&self, a: usize, at: i32) -> f64 {
+        let x = f64::from(at);
+        (if HALVES { x - 0.5 } else { x }) * self.inv[a] + self.shift[a]
+    }
+
+    /// Parameters at which the ray leaves the block of `1 << log` cells per axis with index `i`.
+    #[inline(always)]
+    #[must_use]
+    pub fn exits(&self, i: [i32; 3], log: u32) -> [f64; 3] {
+        three(|a| self.plane(a, (i[a] + self.up[a]) << log))
+    }
+
+    /// Position at t along one axis.
+    #[inline(always)]
+    #[must_use]
+    pub fn at(&self, a: usize, t: f64) -> f64 {
+        self.o[a] + t * self.d[a]
+    }
+
+    /// Index of the cell at t along one axis; only where that is not negative.
+    #[inline(always)]
+    #[must_use]
+    pub fn cell_at(&self, a: usize, t: f64) -> i32 {
+        let x = self.at(a, t);
+        (if HALVES { x + 0.5 } else { x }) as i32
+    }
+
+    /// Index units per unit of t along the fastest axis.
+    #[inline(always)]
+    #[must_use]
+    pub fn speed(&self) -> f64 {
+        fastest(self.d)
+    }
+}
