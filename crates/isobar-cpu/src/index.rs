@@ -319,7 +319,8 @@ impl<L> Entry<L> {
 }
 
 impl<const HALVES: bool> Line<HALVES> {
-    /// The part at t >= 0 of a ray inside the domain that all clipping planes keep; `margin`: that of the ray, where something is to be proved.
+    /// The part at t >= 0 of a ray inside the domain that all clipping planes keep; `margin`: that of the ray, where something is to be proved. A ray whose direction is so short that the
+    /// parameters of planes overflow misses, and that is not certain.
     #[inline(always)]
     #[must_use]
     pub fn enter<R: Rounding>(ray: &Ray, space: &IndexSpace<R>, clips: &[ClipPlane], margin: Option<f64>) -> Entry<Self> {
@@ -329,6 +330,11 @@ impl<const HALVES: bool> Line<HALVES> {
         let d = cleaned(space.index_vector(ray.direction).to_array());
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
         let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
+        // So short a direction that a plane's parameter overflows, or nothing is left of it: no t is known.
+        let far = |a: usize| (o[a].abs() + space.domain.hi[a] + 1.0) * inv[a].abs();
+        if fastest(d) == 0.0 || !(far(0).is_finite() && far(1).is_finite() && far(2).is_finite()) {
+            return Entry::Misses { certain: false };
+        }
         // The stretch inside the domain grown by e on every side, and with it what the planes keep.
         let inside = |e: f64| {
             let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
@@ -407,5 +413,79 @@ impl<const HALVES: bool> Line<HALVES> {
     #[must_use]
     pub fn speed(&self) -> f64 {
         fastest(self.d)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isobar_core::DMat3;
+
+    #[derive(Debug, Clone, Copy)]
+    struct Trilinear;
+    impl Rounding for Trilinear {
+        const POSITION: f64 = 16.0;
+        const INDEX: f64 = 4.0;
+        const PART: f64 = 6.0;
+        const REST: f64 = 64.0;
+        const STEEPEST: f64 = 6.0;
+    }
+
+    fn space(shift: f64) -> IndexSpace<Trilinear> {
+        let domain = Domain {
+            origin: DVec3::new(-1.0, 2.0, 0.5),
+            axes: DMat3::from_diagonal(DVec3::new(0.5, 2.0, 1.0)),
+            lo: DVec3::ZERO,
+            hi: DVec3::new(8.0, 9.0, 10.0),
+        };
+        IndexSpace::new(domain).shifted(shift)
+    }
+
+    fn enter<const HALVES: bool>(space: &IndexSpace<Trilinear>, origin: DVec3, direction: DVec3) -> Entry<Line<HALVES>> {
+        let ray = Ray { origin, direction };
+        Line::enter(&ray, space, &[], Some(space.margin(origin)))
+    }
+
+    #[test]
+    fn a_ray_enters_and_leaves_where_it_should() {
+        let s = space(0.0);
+        let at = s.domain.world(DVec3::new(-3.0, 4.25, 5.0));
+        let Entry::Through(line) = enter::<false>(&s, at, DVec3::X) else {
+            panic!("it goes through")
+        };
+        // 3 cells of half a unit before the domain.
+        assert!((line.t0 - 1.5).abs() < 1e-12 && (line.t1 - 5.5).abs() < 1e-12, "{line:?}");
+        assert!(line.ends > 0.0 && line.ends < 1e-12);
+        assert_eq!((line.plane(0, 2), line.cell_at(0, 2.6), line.cell_at(1, 2.6)), (2.5, 2, 4));
+        assert!(line.plane(1, 3).is_infinite() && line.speed() == 2.0);
+        // Cells centred on samples, by number and by shifted index space.
+        let Entry::Through(centred) = enter::<true>(&s, at, DVec3::X) else {
+            panic!("it goes through")
+        };
+        let Entry::Through(shifted) = enter::<false>(&space(0.5), at, DVec3::X) else {
+            panic!("it goes through")
+        };
+        for at in 0..9 {
+            assert!((centred.plane(0, at) - shifted.plane(0, at)).abs() < 1e-12);
+        }
+        assert_eq!([centred.cell_at(0, 2.6), shifted.cell_at(0, 2.6)], [2, 2]);
+        let miss = |y: f64| match enter::<false>(&s, s.domain.world(DVec3::new(-3.0, y, 5.0)), DVec3::X) {
+            Entry::Through(_) => None,
+            Entry::Misses { certain } => Some(certain),
+        };
+        assert_eq!((miss(9.5), miss(9.0 + 4e-15), miss(9.0)), (Some(true), Some(false), None));
+    }
+
+    /// A root may lie at 1e307, but no plane has a parameter there: nothing is claimed.
+    #[test]
+    fn directions_too_short_for_parameters_prove_nothing() {
+        let s = space(0.0);
+        let inside = s.domain.world(DVec3::splat(3.3));
+        let outside = s.domain.world(DVec3::new(-900.0, 3.3, 3.3));
+        for (origin, x) in [(outside, 1e-306), (inside, 5e-309), (inside, -5e-309), (outside, 5e-324)] {
+            let entry = enter::<false>(&s, origin, DVec3::X * x);
+            assert!(matches!(entry, Entry::Misses { certain: false }), "{x}: {entry:?}");
+        }
+        assert!(matches!(enter::<false>(&s, outside, DVec3::X * 1e-290), Entry::Through(_)));
     }
 }
