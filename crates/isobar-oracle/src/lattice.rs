@@ -1,20 +1,20 @@
 //! Roots in tensor-product splines over a lattice.
 
 use crate::{
-    Decided, Multiplicity, Root,
+    Decided, Multiplicity,
     bracket::Bracket,
     compose::{self, Bernstein, Differences},
-    exact::{ExactRay, Piece, Ratio, Roots, Span, lattice_piece},
+    exact::{ExactRay, Piece, Roots, lattice_piece},
     extremum::{Stretch, Watch, far},
-    isolate::{Isolated, isolate},
+    isolate::Isolated,
     map::{Mapped, RayMap},
     oracle::{Goal, Search, Shared},
+    pieces::{self, Exactly, Flow, Solved, Stay, brackets, finished, joined, mapped, told, told_stretch},
     real::{Dd, Real},
-    skip::{BLOCK, Skip},
-    walk::{Visit, Walk, steady},
+    walk::{Visit, steady},
 };
 use isobar_core::{Function, Lattice, Ray};
-use std::ops::ControlFlow::{self, Break, Continue};
+use std::ops::ControlFlow::{Break, Continue};
 
 /// Finds what the goal asks for.
 pub(crate) fn search(
@@ -39,27 +39,14 @@ pub(crate) fn search(
         out: Search::new(Decided::F64),
         isolated: Vec::new(),
     };
-    let mapped = match (&shared.local, goal.least) {
-        (_, Decided::Exact) | (None, _) => Mapped::Unclear,
-        (Some(local), _) => goal.keep(local.map(ray)),
-    };
-    match mapped {
+    match mapped(shared, &goal, ray) {
         Mapped::Outside => {}
         Mapped::Ray(map) if steady(&map) => run.walk(&map),
         Mapped::Ray(_) | Mapped::Unclear => run.walk_exactly(),
     }
     run.close();
-    if goal.watch {
-        if run.out.roots.is_empty() {
-            run.watch.finish();
-        }
-        run.out.near = run.watch.found;
-    }
-    run.out
+    finished(run.out, run.watch, &goal)
 }
-
-/// Stop the walk, or go on.
-type Flow = ControlFlow<()>;
 
 /// One search.
 struct Run<'a> {
@@ -111,30 +98,8 @@ impl Run<'_> {
         let c = self.c;
         // Rounded upward: cells that begin later hold nothing that was asked for.
         let until = (self.goal.until - map.t_ref) + 1e-15 * (self.goal.until.abs() + map.t_ref);
-        let cells = self.cells;
-        let all = Walk {
-            map,
-            stride: (BLOCK * BLOCK) as f64,
-            lo: [0; 3],
-            hi: skip.supers.map(|n| n - 1),
-        };
-        let _ = all.run(map.start.0, map.end.1, |v| {
-            if v.outer.0 > until {
-                return Break(());
-            }
-            let range = skip.superblock(v.index);
-            if far(range.lo, range.hi, c) {
-                return Continue(());
-            }
-            let blocks = inner(map, v, BLOCK as f64, skip.blocks);
-            blocks.run(v.outer.0, v.outer.1, |v| {
-                let range = Skip::block(skip, v.index);
-                if far(range.lo, range.hi, c) {
-                    return Continue(());
-                }
-                inner(map, v, 1.0, cells).run(v.outer.0, v.outer.1, |v| self.visit(map, v, until))
-            })
-        });
+        let idle = |_: &Self, lo, hi| far(lo, hi, c);
+        pieces::walk(map, skip, self.cells, until, self, idle, |run, v| run.visit(map, v, until));
     }
 
     /// One cell with f64, double-double, then integers.
@@ -207,18 +172,11 @@ impl Run<'_> {
 
     /// The roots of the cell in this arithmetic, if it can tell: all of them, each certainly inside the cell, in narrow brackets.
     fn isolate<R: Real>(&mut self, map: &RayMap, v: &Visit, p: &Bernstein<R>, out: &mut Vec<Bracket>) -> bool {
-        out.clear();
-        if isolate(p, self.goal.first_only, &mut self.isolated).is_err() {
-            return false;
-        }
-        for root in &self.isolated {
-            let b = Bracket::new(map.t_ref, v.outer, root);
-            if !(b.s.0 >= v.inner.0 && b.s.1 <= v.inner.1 && b.narrow()) {
-                return false;
-            }
-            out.push(b);
-        }
-        true
+        let stay = Stay {
+            outer: v.outer,
+            inner: v.inner,
+        };
+        brackets(map.t_ref, stay, p, self.goal.first_only, &mut self.isolated, out)
     }
 
     /// Whether all that was asked for is found.
@@ -227,11 +185,7 @@ impl Run<'_> {
     }
 
     fn enough(&self) -> Flow {
-        if self.done() && !(self.goal.watch && self.watch.wants_more()) {
-            Break(())
-        } else {
-            Continue(())
-        }
+        pieces::enough(self.done(), &self.goal, &self.watch)
     }
 
     /// Shows the piece to the watch. Nothing that comes after the first root counts.
@@ -262,30 +216,7 @@ impl Run<'_> {
         if !self.goal.watch {
             return;
         }
-        let (b, most) = solved.piece.bernstein();
-        let s0 = solved.piece.t0.bounds().0;
-        let s1 = if solved.point { s0 } else { solved.piece.t1.bounds().1 };
-        let first = solved.first_tau();
-        self.watch.piece(
-            &Stretch {
-                b: &b,
-                most,
-                s0,
-                s1,
-                first: solved.begins,
-                last: solved.point || solved.piece.closed,
-                root: first,
-            },
-            1e-12 * (s1.abs() + s0.abs()),
-        );
-    }
-
-    fn exact_ray(&mut self) -> Option<&ExactRay> {
-        if self.exact.is_none() {
-            let exact = self.goal.exact_ray(self.ray, self.function.domain(), self.shared.centred);
-            self.exact = exact.map(Box::new);
-        }
-        self.exact.as_deref()
+        solved.show(&mut self.watch, solved.first_tau(), |size| 1e-12 * size);
     }
 
     /// The cell's roots by integers; `None` where no t belongs to the cell.
@@ -294,36 +225,15 @@ impl Run<'_> {
         let basis = self.lattice.basis();
         let ray = self.exact_ray()?;
         let span = ray.span(cell.index, cells)?;
-        let begins = ray.stay.as_ref().is_some_and(|s| span.t0.compare(&s.0).is_eq());
-        let point = span.t0.compare(&span.t1).is_eq();
-        // A single point: the polynomial beyond it tells the order of a root there.
-        let span = if point {
-            let t1 = Ratio::new(&span.t1.n + &span.t1.d, span.t1.d.clone());
-            Span {
-                t1,
-                closed: false,
-                ..span
-            }
-        } else {
-            span
-        };
         #[expect(clippy::float_cmp, reason = "equality of data values is meant")]
         let constant = cell.least == c && cell.greatest == c;
-        let piece = if constant {
-            Piece::zero(span)
-        } else {
-            lattice_piece(ray, cell.index, span, basis, &cell.stencil, c)
-        };
-        let mut roots = piece.roots(first_only);
-        if point && let Roots::Some(r) = &mut roots {
-            r.retain(|r| r.at_start);
-        }
-        Some(Solved {
-            piece,
-            roots,
-            begins,
-            point,
-        })
+        Some(Solved::new(ray, span, first_only, |span| {
+            if constant {
+                Piece::zero(span)
+            } else {
+                lattice_piece(ray, cell.index, span, basis, &cell.stencil, c)
+            }
+        }))
     }
 
     /// Takes over the roots of a cell, joining stretches.
@@ -333,14 +243,8 @@ impl Run<'_> {
         match &solved.roots {
             Roots::Zero => {
                 if open.is_none() {
-                    self.out.roots.push(Root {
-                        lo: t0.0,
-                        hi: t0.1,
-                        multiplicity: Multiplicity::Interval,
-                        interval_end: Some(if solved.point { t0.1 } else { t1.1 }),
-                        slope: 0.0,
-                        decided: Decided::Exact,
-                    });
+                    let end = if solved.point { t0.1 } else { t1.1 };
+                    self.out.roots.push(told_stretch(t0, end));
                 }
                 self.open = Some(cell.index);
             }
@@ -357,19 +261,7 @@ impl Run<'_> {
                     } else {
                         Multiplicity::of(r.order)
                     };
-                    let at = self.ray.at(r.lo);
-                    let slope = match multiplicity {
-                        Multiplicity::Simple => self.function.gradient(at).dot(self.ray.direction),
-                        _ => 0.0,
-                    };
-                    self.out.roots.push(Root {
-                        lo: r.lo,
-                        hi: r.hi,
-                        multiplicity,
-                        interval_end: None,
-                        slope,
-                        decided: Decided::Exact,
-                    });
+                    self.out.roots.push(told(r, multiplicity, self.function, self.ray));
                 }
             }
         }
@@ -379,26 +271,23 @@ impl Run<'_> {
     /// The multiplicity of a root exactly at the start of a piece, from both sides.
     fn on_face(&mut self, solved: &Solved) -> Multiplicity {
         let (cells, c) = (self.cells, self.c);
-        let (right, sign_right) = solved.piece.order_at_start().unwrap_or((1, 1));
+        let right = solved.piece.order_at_start().unwrap_or((1, 1));
         let t0 = solved.piece.t0.clone();
         let Some(index) = self.exact_ray().map(|r| r.cell_at(&t0, cells, true)) else {
-            return Multiplicity::of(right);
+            return Multiplicity::of(right.0);
         };
         let before = self.cell(index);
         let basis = self.lattice.basis();
         let Some(ray) = self.exact_ray() else {
-            return Multiplicity::of(right);
+            return Multiplicity::of(right.0);
         };
         let Some(span) = ray.span(index, cells) else {
-            return Multiplicity::of(right);
+            return Multiplicity::of(right.0);
         };
         let piece = lattice_piece(ray, index, span, basis, &before.stencil, c);
-        let Some((left, sign_left)) = piece.order_at_end() else {
-            return Multiplicity::of(right);
-        };
-        let changes = sign_left != sign_right;
-        let order = left.max(right);
-        Multiplicity::of(if (order % 2 == 1) == changes { order } else { order + 1 })
+        piece
+            .order_at_end()
+            .map_or(Multiplicity::of(right.0), |left| joined(left, right))
     }
 
     /// Ends an open stretch: its last cell's exact end becomes the end of the root.
@@ -416,64 +305,32 @@ impl Run<'_> {
     fn walk_exactly(&mut self) {
         self.out.decided = Decided::Exact;
         let cells = self.cells;
-        let until = Ratio::from_f64(self.goal.until.min(f64::MAX));
-        let Some((mut t, _)) = self.exact_ray().and_then(|r| r.stay.clone()) else {
-            return;
-        };
-        loop {
-            if t.compare(&until).is_gt() {
-                return;
-            }
-            let Some(ray) = self.exact_ray() else { return };
-            let index = ray.cell_at(&t, cells, false);
-            let Some(span) = ray.span(index, cells) else { return };
-            let cell = self.cell(index);
-            let flow = if far(cell.least, cell.greatest, self.c) {
-                Continue(())
-            } else {
-                match self.exact_roots(&cell) {
-                    None => Continue(()),
-                    Some(solved) => {
-                        self.note_exact(&solved);
-                        self.accept(&cell, &solved)
-                    }
-                }
-            };
-            if flow.is_break() || span.closed {
-                return;
-            }
-            t = span.t1;
+        if let Some((t, _)) = self.exact_ray().and_then(|r| r.stay.clone()) {
+            pieces::walk_exactly(self, cells, t, self.goal.until);
         }
     }
 }
 
-/// A cell solved exactly.
-struct Solved {
-    piece: Piece,
-    roots: Roots,
-    /// Whether the ray's stay in the domain begins here.
-    begins: bool,
-    /// Whether the ray only touches the cell (and the domain) in one point.
-    point: bool,
-}
-
-impl Solved {
-    /// tau of the first root.
-    fn first_tau(&self) -> Option<f64> {
-        match &self.roots {
-            Roots::Zero => Some(0.0),
-            Roots::Some(r) => r.first().map(|r| r.tau),
+impl Exactly for Run<'_> {
+    fn exact_ray(&mut self) -> Option<&ExactRay> {
+        if self.exact.is_none() {
+            let exact = self.goal.exact_ray(self.ray, self.function.domain(), self.shared.centred);
+            self.exact = exact.map(Box::new);
         }
+        self.exact.as_deref()
     }
-}
 
-/// The walk over what lies inside a box of the next coarser level.
-pub(crate) fn inner<'a>(map: &'a RayMap, v: &Visit, stride: f64, count: [usize; 3]) -> Walk<'a> {
-    let lo = v.index.map(|i| i * BLOCK);
-    Walk {
-        map,
-        stride,
-        lo,
-        hi: std::array::from_fn(|a| (lo[a] + BLOCK - 1).min(count[a] - 1)),
+    fn visit_exactly(&mut self, index: [usize; 3]) -> Flow {
+        let cell = self.cell(index);
+        if far(cell.least, cell.greatest, self.c) {
+            return Continue(());
+        }
+        match self.exact_roots(&cell) {
+            None => Continue(()),
+            Some(solved) => {
+                self.note_exact(&solved);
+                self.accept(&cell, &solved)
+            }
+        }
     }
 }

@@ -43,6 +43,7 @@ mod isolate;
 mod lattice;
 mod map;
 mod oracle;
+mod pieces;
 mod polynomial;
 mod real;
 mod root;

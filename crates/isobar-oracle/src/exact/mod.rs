@@ -9,4 +9,4 @@ mod scaled;
 pub(crate) use cell::{algebraic_piece, lattice_piece};
 pub(crate) use number::{Dyadic, Ratio, sign};
 pub(crate) use ray::{ExactRay, Span};
-pub(crate) use scaled::{Piece, Roots, convolve};
+pub(crate) use scaled::{ExactRoot, Piece, Roots, convolve};

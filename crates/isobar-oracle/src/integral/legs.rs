@@ -11,12 +11,12 @@ use super::beam::{Beam, Leg};
 use crate::{
     compose::{self, Differences, MOST},
     exact::{ExactRay, Piece, Ratio, Span, lattice_piece},
-    lattice::inner,
     map::{Mapped, RayMap},
     oracle::{Goal, Shared},
+    pieces,
     real::Dd,
-    skip::{BLOCK, Skip},
-    walk::{Visit, Walk, steady},
+    skip::Skip,
+    walk::{Visit, steady},
 };
 use isobar_core::{Algebraic, Function, Lattice, Ray};
 use std::ops::ControlFlow::{self, Break, Continue};
@@ -47,36 +47,13 @@ pub(crate) fn walk(
     mut visit: impl FnMut(&Visit, &mut Beam<'_>) -> Result<ControlFlow<()>, Doubtful>,
 ) -> Result<(), Doubtful> {
     let until = beam.last() - map.t_ref;
-    let all = Walk {
-        map,
-        stride: (BLOCK * BLOCK) as f64,
-        lo: [0; 3],
-        hi: skip.supers.map(|n| n - 1),
-    };
-    let flow = all.run(map.start.0, map.end.1, |v| {
-        if v.outer.0 > until {
-            return Break(Ok(()));
-        }
-        let range = skip.superblock(v.index);
-        if beam.dark(range.lo, range.hi) {
-            return Continue(());
-        }
-        inner(map, v, BLOCK as f64, skip.blocks).run(v.outer.0, v.outer.1, |v| {
-            let range = skip.block(v.index);
-            if beam.dark(range.lo, range.hi) {
-                return Continue(());
-            }
-            inner(map, v, 1.0, cells).run(v.outer.0, v.outer.1, |v| match visit(v, beam) {
-                Ok(Continue(())) => Continue(()),
-                Ok(Break(())) => Break(Ok(())),
-                Err(doubt) => Break(Err(doubt)),
-            })
-        })
+    let dark = |beam: &Beam<'_>, lo, hi| beam.dark(lo, hi);
+    let stopped = pieces::walk(map, skip, cells, until, beam, dark, |beam, v| match visit(v, beam) {
+        Ok(Continue(())) => Continue(()),
+        Ok(Break(())) => Break(Ok(())),
+        Err(doubt) => Break(Err(doubt)),
     });
-    match flow {
-        Break(Err(doubt)) => Err(doubt),
-        _ => Ok(()),
-    }
+    stopped.unwrap_or(Ok(()))
 }
 
 /// How much of a stay is not certainly in the cell.

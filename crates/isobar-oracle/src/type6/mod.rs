@@ -10,23 +10,22 @@ pub(crate) mod legs;
 mod tests;
 
 use crate::{
-    Decided, Multiplicity, Root,
+    Decided, Multiplicity,
     bracket::Bracket,
     compose::Bernstein,
-    exact::{ExactRay, Piece, Ratio, Roots, Span},
+    exact::{ExactRay, Piece, Ratio, Roots},
     extremum::{Stretch, Watch, far},
-    isolate::{Isolated, isolate},
-    lattice::inner,
+    isolate::Isolated,
     map::{Mapped, RayMap},
     oracle::{Goal, Search, Shared},
+    pieces::{self, Exactly, Flow, Solved, Stay, brackets, finished, joined, mapped, told, told_stretch},
     real::{Dd, Real},
-    skip::{BLOCK, Skip},
-    walk::{Visit, Walk, steady},
+    walk::{Visit, steady},
 };
 use compose::{Part, cut, signatures};
 use exact::{ExactPart, parts, piece};
 use isobar_core::{Function, Ray, TetMasks, Tetrahedral};
-use std::ops::ControlFlow::{self, Break, Continue};
+use std::ops::ControlFlow::{Break, Continue};
 
 /// Finds what the goal asks for.
 pub(crate) fn search(
@@ -55,27 +54,14 @@ pub(crate) fn search(
         out: Search::new(Decided::F64),
         isolated: Vec::new(),
     };
-    let mapped = match (&shared.local, goal.least) {
-        (_, Decided::Exact) | (None, _) => Mapped::Unclear,
-        (Some(local), _) => goal.keep(local.map(ray)),
-    };
-    match mapped {
+    match mapped(shared, &goal, ray) {
         Mapped::Outside => {}
         Mapped::Ray(map) if steady(&map) => run.walk(&map),
         Mapped::Ray(_) | Mapped::Unclear => run.walk_exactly(),
     }
     run.close();
-    if goal.watch {
-        if run.out.roots.is_empty() {
-            run.watch.finish();
-        }
-        run.out.near = run.watch.found;
-    }
-    run.out
+    finished(run.out, run.watch, &goal)
 }
-
-/// Stop the walk, or go on.
-type Flow = ControlFlow<()>;
 
 /// What a stretch s = c last went through.
 #[derive(Clone, Debug)]
@@ -148,28 +134,8 @@ impl Run<'_> {
         self.tiny = 1e-12 * (map.end.1 - map.start.0) + 4.0 * f64::EPSILON * reach;
         // Rounded upward: cubes that begin later hold nothing that was asked for.
         let until = (self.goal.until - map.t_ref) + 1e-15 * (self.goal.until.abs() + map.t_ref);
-        let all = Walk {
-            map,
-            stride: (BLOCK * BLOCK) as f64,
-            lo: [0; 3],
-            hi: skip.supers.map(|n| n - 1),
-        };
-        let _ = all.run(map.start.0, map.end.1, |v| {
-            if v.outer.0 > until {
-                return Break(());
-            }
-            let range = skip.superblock(v.index);
-            if far(range.lo, range.hi, c) {
-                return Continue(());
-            }
-            inner(map, v, BLOCK as f64, skip.blocks).run(v.outer.0, v.outer.1, |v| {
-                let range = Skip::block(skip, v.index);
-                if far(range.lo, range.hi, c) {
-                    return Continue(());
-                }
-                inner(map, v, 1.0, self.cubes).run(v.outer.0, v.outer.1, |v| self.visit(map, v, until))
-            })
-        });
+        let idle = |_: &Self, lo, hi| far(lo, hi, c);
+        pieces::walk(map, skip, self.cubes, until, self, idle, |run, v| run.visit(map, v, until));
     }
 
     /// One cube with f64, double-double, then integers.
@@ -247,18 +213,11 @@ impl Run<'_> {
 
     /// The roots of a part in this arithmetic, if it can tell: all of them, each certainly inside, in narrow brackets.
     fn isolate<R: Real>(&mut self, map: &RayMap, part: &Part, p: &Bernstein<R>, out: &mut Vec<Bracket>) -> bool {
-        out.clear();
-        if isolate(p, self.goal.first_only, &mut self.isolated).is_err() {
-            return false;
-        }
-        for root in &self.isolated {
-            let b = Bracket::new(map.t_ref, part.outer, root);
-            if !(b.s.0 >= part.inner.0 && b.s.1 <= part.inner.1 && b.narrow()) {
-                return false;
-            }
-            out.push(b);
-        }
-        true
+        let stay = Stay {
+            outer: part.outer,
+            inner: part.inner,
+        };
+        brackets(map.t_ref, stay, p, self.goal.first_only, &mut self.isolated, out)
     }
 
     /// Whether all that was asked for is found.
@@ -267,18 +226,7 @@ impl Run<'_> {
     }
 
     fn enough(&self) -> Flow {
-        if self.done() && !(self.goal.watch && self.watch.wants_more()) {
-            Break(())
-        } else {
-            Continue(())
-        }
-    }
-
-    fn exact_ray(&mut self) -> Option<&ExactRay> {
-        if self.exact.is_none() {
-            self.exact = self.goal.exact_ray(self.ray, self.function.domain(), true).map(Box::new);
-        }
-        self.exact.as_deref()
+        pieces::enough(self.done(), &self.goal, &self.watch)
     }
 
     /// One cube in integers.
@@ -308,38 +256,16 @@ impl Run<'_> {
     fn solve(&mut self, cube: &Cube, part: ExactPart) -> Option<Solved> {
         let (c, first_only, masks) = (self.c, self.goal.first_only, self.masks);
         let ray = self.exact_ray()?;
-        let begins = ray.stay.as_ref().is_some_and(|s| part.span.t0.compare(&s.0).is_eq());
-        let point = part.span.t0.compare(&part.span.t1).is_eq();
-        let part = if point {
-            // The polynomial beyond a single point tells the order of a root there.
-            let t = &part.span.t1;
-            let t1 = Ratio::new(&t.n + &t.d, t.d.clone());
-            let span = Span {
-                t0: part.span.t0,
-                t1,
-                closed: false,
-            };
-            ExactPart { span, ..part }
-        } else {
-            part
-        };
         #[expect(clippy::float_cmp, reason = "equality of data values is meant")]
         let constant = cube.least == c && cube.greatest == c;
-        let piece = if constant {
-            Piece::zero(part.span)
-        } else {
-            piece(ray, cube.index, part, masks, &cube.data, c)
-        };
-        let mut roots = piece.roots(first_only);
-        if point && let Roots::Some(r) = &mut roots {
-            r.retain(|r| r.at_start);
-        }
-        Some(Solved {
-            piece,
-            roots,
-            begins,
-            point,
-        })
+        let ExactPart { span, kind } = part;
+        Some(Solved::new(ray, span, first_only, |span| {
+            if constant {
+                Piece::zero(span)
+            } else {
+                piece(ray, cube.index, ExactPart { span, kind }, masks, &cube.data, c)
+            }
+        }))
     }
 
     /// Shows a piece to the watch; `after`: the first root has been found before.
@@ -347,25 +273,9 @@ impl Run<'_> {
         if !self.goal.watch {
             return;
         }
-        let (b, most) = solved.piece.bernstein();
-        let s0 = solved.piece.t0.bounds().0;
-        let s1 = if solved.point { s0 } else { solved.piece.t1.bounds().1 };
-        let root = match &solved.roots {
-            _ if after => None,
-            Roots::Zero => Some(0.0),
-            Roots::Some(r) => r.first().map(|r| r.tau),
-        };
-        let stretch = Stretch {
-            b: &b,
-            most,
-            s0,
-            s1,
-            first: solved.begins,
-            last: solved.point || solved.piece.closed,
-            root,
-        };
-        let tiny = self.tiny.max(4.0 * f64::EPSILON * (s0.abs() + s1.abs()));
-        self.watch.piece(&stretch, tiny);
+        let root = if after { None } else { solved.first_tau() };
+        let tiny = self.tiny;
+        solved.show(&mut self.watch, root, |size| tiny.max(4.0 * f64::EPSILON * size));
     }
 
     /// Takes over the roots of a part, joining stretches.
@@ -375,14 +285,7 @@ impl Run<'_> {
             Roots::Zero => {
                 let end = if solved.point { &solved.piece.t0 } else { &solved.piece.t1 };
                 if self.open.is_none() {
-                    self.out.roots.push(Root {
-                        lo: t0.0,
-                        hi: t0.1,
-                        multiplicity: Multiplicity::Interval,
-                        interval_end: Some(end.bounds().1),
-                        slope: 0.0,
-                        decided: Decided::Exact,
-                    });
+                    self.out.roots.push(told_stretch(t0, end.bounds().1));
                 }
                 self.open = Some(Open::Until(end.clone()));
             }
@@ -396,18 +299,7 @@ impl Run<'_> {
                     } else {
                         Multiplicity::of(r.order)
                     };
-                    let slope = match multiplicity {
-                        Multiplicity::Simple => self.function.gradient(self.ray.at(r.lo)).dot(self.ray.direction),
-                        _ => 0.0,
-                    };
-                    self.out.roots.push(Root {
-                        lo: r.lo,
-                        hi: r.hi,
-                        multiplicity,
-                        interval_end: None,
-                        slope,
-                        decided: Decided::Exact,
-                    });
+                    self.out.roots.push(told(r, multiplicity, self.function, self.ray));
                 }
             }
         }
@@ -415,26 +307,21 @@ impl Run<'_> {
 
     /// The multiplicity of a root exactly at the start of a piece, from both sides.
     fn on_face(&mut self, after: &Piece) -> Multiplicity {
-        let (right, sign_right) = after.order_at_start().unwrap_or((1, 1));
+        let right = after.order_at_start().unwrap_or((1, 1));
         let (c, cubes, masks) = (self.c, self.cubes, self.masks);
         let t0 = &after.t0;
         let Some(index) = self.exact_ray().map(|r| r.cell_at(t0, cubes, true)) else {
-            return Multiplicity::of(right);
+            return Multiplicity::of(right.0);
         };
         let Some(part) = self.exact_parts(index).into_iter().find(|p| p.span.t1.compare(t0).is_eq()) else {
-            return Multiplicity::of(right);
+            return Multiplicity::of(right.0);
         };
         let cube = self.cube(index);
         let before = self
             .exact_ray()
             .map(|ray| piece(ray, index, part, masks, &cube.data, c))
             .and_then(|p| p.order_at_end());
-        let Some((left, sign_left)) = before else {
-            return Multiplicity::of(right);
-        };
-        let changes = sign_left != sign_right;
-        let order = left.max(right);
-        Multiplicity::of(if (order % 2 == 1) == changes { order } else { order + 1 })
+        before.map_or(Multiplicity::of(right.0), |left| joined(left, right))
     }
 
     /// Ends an open stretch.
@@ -454,38 +341,27 @@ impl Run<'_> {
     fn walk_exactly(&mut self) {
         self.out.decided = Decided::Exact;
         let cubes = self.cubes;
-        let until = Ratio::from_f64(self.goal.until.min(f64::MAX));
-        let Some((mut t, end)) = self.exact_ray().and_then(|r| r.stay.clone()) else {
-            return;
-        };
-        self.tiny = 1e-12 * (end.bounds().1 - t.bounds().0);
-        loop {
-            if t.compare(&until).is_gt() {
-                return;
-            }
-            let Some(ray) = self.exact_ray() else { return };
-            let index = ray.cell_at(&t, cubes, false);
-            let Some(span) = ray.span(index, cubes) else { return };
-            let cube = self.cube(index);
-            let flow = if far(cube.least, cube.greatest, self.c) {
-                Continue(())
-            } else {
-                self.exactly(&cube)
-            };
-            if flow.is_break() || span.closed {
-                return;
-            }
-            t = span.t1;
+        if let Some((t, end)) = self.exact_ray().and_then(|r| r.stay.clone()) {
+            self.tiny = 1e-12 * (end.bounds().1 - t.bounds().0);
+            pieces::walk_exactly(self, cubes, t, self.goal.until);
         }
     }
 }
 
-/// A part solved exactly.
-struct Solved {
-    piece: Piece,
-    roots: Roots,
-    /// Whether the ray's stay in the domain begins here.
-    begins: bool,
-    /// Whether the ray only touches the domain in one point.
-    point: bool,
+impl Exactly for Run<'_> {
+    fn exact_ray(&mut self) -> Option<&ExactRay> {
+        if self.exact.is_none() {
+            self.exact = self.goal.exact_ray(self.ray, self.function.domain(), true).map(Box::new);
+        }
+        self.exact.as_deref()
+    }
+
+    fn visit_exactly(&mut self, index: [usize; 3]) -> Flow {
+        let cube = self.cube(index);
+        if far(cube.least, cube.greatest, self.c) {
+            Continue(())
+        } else {
+            self.exactly(&cube)
+        }
+    }
 }
