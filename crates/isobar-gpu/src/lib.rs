@@ -19,7 +19,7 @@ pub mod levels;
 mod raster;
 pub mod rays;
 pub mod shader;
-mod testing;
+pub mod testing;
 mod texture;
 mod work;
 

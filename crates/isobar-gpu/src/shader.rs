@@ -99,25 +99,16 @@ mod tests {
         }
     }
 
-    /// Size and member offsets of a structure of a snippet, as naga lays it out.
-    fn laid_out(snippet: &str, name: &str) -> (u32, Vec<u32>) {
-        let module = naga::front::wgsl::parse_str(&compose(&[SHARED], &[snippet]).unwrap()).unwrap();
-        let (_, found) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).unwrap();
-        match &found.inner {
-            naga::TypeInner::Struct { members, span } => (*span, members.iter().map(|m| m.offset).collect()),
-            other => panic!("{name} is {other:?}"),
-        }
-    }
-
     #[test]
     fn structures_are_laid_out_as_in_wgsl() {
         use crate::bands::{Hit, Pixel};
         use crate::levels::Level;
+        use crate::testing::laid_out;
         use std::mem::offset_of;
         let of = |snippet: &str, name: &str, size: usize, offsets: &[usize]| {
-            let (span, found) = laid_out(snippet, name);
-            let found: Vec<usize> = found.into_iter().map(|o| o as usize).collect();
-            assert_eq!((span as usize, found.as_slice()), (size, offsets), "{name}");
+            let (span, found) = laid_out(&compose(&[SHARED], &[snippet]).unwrap(), name);
+            let found: Vec<usize> = found.into_iter().map(|(_, at)| at).collect();
+            assert_eq!((span, found.as_slice()), (size, offsets), "{name}");
         };
         let level = [
             offset_of!(Level, value),

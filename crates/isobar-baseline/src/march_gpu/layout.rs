@@ -86,53 +86,54 @@ mod tests {
     use super::*;
     use crate::march_gpu::programs;
     use isobar_core::{DMat3, Domain, Grid, Ray as WorldRay, Samples};
-    use isobar_gpu::{shader, wgpu::naga};
-
-    /// Name, size and member offsets of a structure as naga lays it out.
-    fn wgsl(name: &str) -> (u32, Vec<(String, u32)>) {
-        let source = shader::compose(&[programs::SNIPPETS], &["march_layout"]).unwrap();
-        let module = naga::front::wgsl::parse_str(&source).unwrap();
-        let (_, found) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).unwrap();
-        match &found.inner {
-            naga::TypeInner::Struct { members, span } => {
-                let members = members.iter().map(|m| (m.name.clone().unwrap(), m.offset)).collect();
-                (*span, members)
-            }
-            other => panic!("{name} is {other:?}"),
-        }
-    }
-
-    macro_rules! same {
-        ($t:ident { $($rust:ident as $wgsl:literal),* $(,)? }) => {{
-            let (span, members) = wgsl(stringify!($t));
-            assert_eq!(span as usize, size_of::<$t>(), stringify!($t));
-            $(
-                let at = members.iter().find(|(n, _)| n == $wgsl).map(|(_, at)| *at as usize);
-                assert_eq!(at, Some(offset_of!($t, $rust)), "{}.{}", stringify!($t), $wgsl);
-            )*
-        }};
-    }
+    use isobar_gpu::testing::assert_bits;
+    use isobar_gpu::{assert_laid_out, shader};
 
     #[test]
     fn structures_are_laid_out_as_in_wgsl() {
-        same!(Params { last as "last", step as "step", bias_hi as "bias_hi", bias_lo as "bias_lo", fractions as "fractions",
-            bisections as "bisections", fine as "fine", fine_side as "fine_side", coarse as "coarse", coarse_side as "coarse_side",
-            levels as "levels", layers as "layers", flags as "flags", pad as "pad", width as "width", axes as "axes",
-            gradients as "gradients" });
-        same!(Ray { origin as "origin", length as "length", direction as "direction" });
+        let source = &shader::compose(&[programs::SNIPPETS], &["march_layout"]).unwrap();
+        assert_laid_out!(
+            source,
+            Params {
+                last,
+                step,
+                bias_hi,
+                bias_lo,
+                fractions,
+                bisections,
+                fine,
+                fine_side,
+                coarse,
+                coarse_side,
+                levels,
+                layers,
+                flags,
+                pad,
+                width,
+                axes,
+                gradients
+            }
+        );
+        assert_laid_out!(
+            source,
+            Ray {
+                origin,
+                length,
+                direction
+            }
+        );
     }
 
     #[test]
     fn flags_are_those_of_wgsl() {
         let (_, text) = programs::SNIPPETS.iter().find(|(n, _)| *n == "march_layout").unwrap();
-        for (name, bit) in [
+        let bits = [
             ("SKIP", SKIP),
             ("COUNT_ALL", COUNT_ALL),
             ("COLOUR", COLOUR),
             ("NORMALS", NORMALS),
-        ] {
-            assert!(text.contains(&format!("const {name}: u32 = {bit}u;")), "{name}");
-        }
+        ];
+        assert_bits(text, &bits);
     }
 
     const EVERYWHERE: Option<(f64, f64)> = Some((0.0, f64::INFINITY));

@@ -80,54 +80,53 @@ const _: () = {
 mod tests {
     use super::*;
     use crate::gpu::programs;
-    use isobar_gpu::{shader, wgpu::naga};
-
-    /// Size and member offsets of a structure as naga lays it out.
-    fn wgsl(name: &str) -> (u32, Vec<(String, u32)>) {
-        let source = shader::compose(&[programs::SNIPPETS, shader::SHARED], &["volume_f32", "octree_layout"]).unwrap();
-        let module = naga::front::wgsl::parse_str(&source).unwrap();
-        let (_, found) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).unwrap();
-        match &found.inner {
-            naga::TypeInner::Struct { members, span } => {
-                let members = members.iter().map(|m| (m.name.clone().unwrap(), m.offset)).collect();
-                (*span, members)
-            }
-            other => panic!("{name} is {other:?}"),
-        }
-    }
-
-    macro_rules! same {
-        ($t:ident { $($rust:ident as $wgsl:literal),* $(,)? }) => {{
-            let (span, members) = wgsl(stringify!($t));
-            assert_eq!(span as usize, size_of::<$t>(), stringify!($t));
-            $(
-                let at = members.iter().find(|(n, _)| n == $wgsl).map(|(_, at)| *at as usize);
-                assert_eq!(at, Some(offset_of!($t, $rust)), "{}.{}", stringify!($t), $wgsl);
-            )*
-        }};
-    }
+    use isobar_gpu::testing::assert_bits;
+    use isobar_gpu::{assert_laid_out, shader};
 
     #[test]
     fn structures_are_laid_out_as_in_wgsl() {
-        same!(Params { cells as "cells", flags as "flags", nodes as "nodes", levels as "levels", last as "last", layers as "layers",
-            bias_hi as "bias_hi", bias_lo as "bias_lo", width as "width", bricks as "bricks", axes as "axes",
-            gradients as "gradients" });
-        same!(Ray { cell as "cell", length as "length", fraction as "fraction", rest as "rest", direction as "direction",
-            fine as "fine" });
-        same!(Node { lo as "lo", hi as "hi", first as "first" });
-        same!(Hit { whole as "whole", u as "u", surface as "surface", normal as "normal_x" });
+        let source = &shader::compose(&[programs::SNIPPETS, shader::SHARED], &["volume_f32", "octree_layout"]).unwrap();
+        assert_laid_out!(
+            source,
+            Params {
+                cells,
+                flags,
+                nodes,
+                levels,
+                last,
+                layers,
+                bias_hi,
+                bias_lo,
+                width,
+                bricks,
+                axes,
+                gradients
+            }
+        );
+        assert_laid_out!(
+            source,
+            Ray {
+                cell,
+                length,
+                fraction,
+                rest,
+                direction,
+                fine
+            }
+        );
+        assert_laid_out!(source, Node { lo, hi, first });
+        assert_laid_out!(source, Hit { whole, u, surface, normal as "normal_x" });
     }
 
     #[test]
     fn flags_are_those_of_wgsl() {
         let (_, text) = programs::SNIPPETS.iter().find(|(n, _)| *n == "octree_layout").unwrap();
-        for (name, bit) in [
+        let bits = [
             ("COUNT_ALL", COUNT_ALL),
             ("COLOUR", COLOUR),
             ("NORMALS", NORMALS),
             ("MIRROR", MIRROR),
-        ] {
-            assert!(text.contains(&format!("const {name}: u32 = {bit}u;")), "{name}");
-        }
+        ];
+        assert_bits(text, &bits);
     }
 }

@@ -110,57 +110,31 @@ pub(super) fn coat(h: &Texel) -> Coat {
 mod tests {
     use super::*;
     use crate::gpu::programs;
-    use isobar_gpu::{shader, wgpu::naga};
-
-    /// Size and member offsets of a structure as naga lays it out.
-    fn wgsl(name: &str) -> (u32, Vec<(String, u32)>) {
-        let names = ["volume_f32", "tet_layout", "tet_draw_layout"];
-        let source = shader::compose(&[programs::SNIPPETS, shader::SHARED], &names).unwrap();
-        let module = naga::front::wgsl::parse_str(&source).unwrap();
-        let (_, found) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).unwrap();
-        match &found.inner {
-            naga::TypeInner::Struct { members, span } => {
-                let members = members.iter().map(|m| (m.name.clone().unwrap(), m.offset)).collect();
-                (*span, members)
-            }
-            other => panic!("{name}: {other:?}"),
-        }
-    }
+    use isobar_gpu::{assert_laid_out, shader};
 
     #[test]
     fn structures_are_laid_out_as_in_wgsl() {
-        let of = |name: &str, size: usize, want: &[(&str, usize)]| {
-            let (span, members) = wgsl(name);
-            assert_eq!(span as usize, size, "{name}");
-            for (member, offset) in want {
-                let found = members.iter().find(|(m, _)| m == member).unwrap();
-                assert_eq!(found.1 as usize, *offset, "{name}.{member}");
+        let names = ["volume_f32", "tet_layout", "tet_draw_layout"];
+        let source = &shader::compose(&[programs::SNIPPETS, shader::SHARED], &names).unwrap();
+        assert_laid_out!(source, Params { levels, first, bias as "bias_hi", blocks });
+        assert_laid_out!(source, Level { surface });
+        assert_laid_out!(
+            source,
+            View {
+                origin,
+                width,
+                eye,
+                parallel,
+                axes,
+                gradients,
+                grow,
+                depth_scale,
+                plane,
+                along,
+                unit,
+                reach,
+                paint
             }
-        };
-        of(
-            "Params",
-            size_of::<Params>(),
-            &[("levels", 12), ("first", 16), ("bias_hi", 32), ("blocks", 44)],
-        );
-        of("Level", size_of::<Level>(), &[("surface", 4)]);
-        of(
-            "View",
-            size_of::<View>(),
-            &[
-                ("origin", offset_of!(View, origin)),
-                ("width", offset_of!(View, width)),
-                ("eye", offset_of!(View, eye)),
-                ("parallel", offset_of!(View, parallel)),
-                ("axes", offset_of!(View, axes)),
-                ("gradients", offset_of!(View, gradients)),
-                ("grow", offset_of!(View, grow)),
-                ("depth_scale", offset_of!(View, depth_scale)),
-                ("plane", offset_of!(View, plane)),
-                ("along", offset_of!(View, along)),
-                ("unit", offset_of!(View, unit)),
-                ("reach", offset_of!(View, reach)),
-                ("paint", offset_of!(View, paint)),
-            ],
         );
     }
 
