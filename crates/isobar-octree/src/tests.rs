@@ -1,40 +1,14 @@
 //! `octree/cpu` against the oracle, through the traits.
 
 use crate::OCTREE_CPU;
-use isobar_core::{
-    Channels, Claim, DMat3, DVec3, Data, Frame, Grid, Knobs, Method, Ray, RenderError, Renderer, Request, Samples, Stage, Stop,
-    Surface, View,
-};
-use isobar_fields::Synthetic;
-use isobar_oracle::{Check, Oracle, Truth, check};
+use isobar_core::{Channels, DVec3, Data, Frame, Grid, Knobs, Ray, Renderer, Request, Samples, Stage, Surface, View};
+use isobar_oracle::{Check, Oracle};
+use isobar_scenes::trials::{self, hits_are_roots, rays_towards};
+use isobar_scenes::{against, open, ray, sampled, synthetic, wrong};
 use std::sync::Arc;
 
-/// A seeded generator of numbers in [0, 1).
-struct Random(u64);
-impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn direction(&mut self) -> DVec3 {
-        loop {
-            let v = DVec3::new(self.unit(), self.unit(), self.unit()) * 2.0 - 1.0;
-            if v.length() > 0.1 && v.length() < 1.0 {
-                return v.normalize();
-            }
-        }
-    }
-}
-
 fn request(layers: usize) -> Request {
-    Request {
-        channels: Channels::all(),
-        layers,
-        ..Request::default()
-    }
+    isobar_scenes::request(layers, Knobs::default())
 }
 
 fn draw(data: &Arc<Data>, surfaces: &[Surface], view: &View, layers: usize) -> (Frame, Box<dyn Renderer>) {
@@ -50,145 +24,54 @@ fn first_hits() -> Request {
 }
 
 fn draw_request(data: &Arc<Data>, surfaces: &[Surface], view: &View, request: &Request) -> (Frame, Box<dyn Renderer>) {
-    let mut r = OCTREE_CPU.open(request).unwrap();
-    r.set_data(data).unwrap();
-    r.set_surfaces(surfaces).unwrap();
-    r.set_view(view).unwrap();
-    r.render(&Stop::default()).unwrap();
-    let mut f = Frame::default();
-    r.read(&mut f).unwrap();
-    (f, r)
+    let mut r = open(&OCTREE_CPU, request);
+    (isobar_scenes::draw(&mut *r, data, surfaces, view), r)
 }
 
 fn checked(data: &Arc<Data>, surfaces: &[Surface], view: &View) -> Check {
     let (frame, r) = draw(data, surfaces, view, 1);
-    let f = r.reconstruction(Stage::Stored).unwrap();
-    let truth = Truth::compute(&f, surfaces, view, &Stop::default()).unwrap();
     let right = |frame: &Frame| {
-        let c = check(frame, &truth, &f, surfaces, view).unwrap();
-        assert_eq!(
-            (c.missed, c.false_hits, c.wrong_root, c.wrong_surface, c.refuted),
-            (0, 0, 0, 0, 0)
-        );
+        let c = against(frame, &*r, surfaces, view);
+        assert_eq!(wrong(&c), [0; 5]);
         c
     };
     right(&frame);
     right(&draw_request(data, surfaces, view, &first_hits()).0)
 }
 
-fn synthetic(spec: &str) -> Arc<Data> {
-    Arc::new(spec.parse::<Synthetic>().unwrap().data().unwrap())
-}
-
-fn noise(dims: [usize; 3], spacing: DVec3, direction: DMat3, seed: u64) -> Arc<Data> {
-    let mut random = Random(seed);
-    let samples: Vec<f32> = (0..dims.iter().product()).map(|_| random.unit() as f32).collect();
-    let grid = Grid::new(
-        dims,
-        spacing,
-        DVec3::new(0.5, -3.0, 11.0),
-        direction,
-        Samples::F32(samples.into()),
-    )
-    .unwrap();
-    Arc::new(Data::Grid(grid))
-}
-
 #[test]
 fn frames_are_exact_and_proved() {
-    for (spec, c) in [("marschner-lobb,n=40", 0.5), ("gyroid,n=48", 0.2), ("sphere,n=21", 1.0)] {
-        let view = View::bench(160, 120);
-        let c = checked(&synthetic(spec), &[Surface::isovalue(c, 0)], &view);
-        assert!(c.hits > 1000, "{spec}");
-        assert!(c.t_error_voxels.max < 1e-9, "{spec}: {:?}", c.t_error_voxels);
-        assert!(c.normal_error_deg.max < 1e-4, "{spec}: {:?}", c.normal_error_deg);
-        assert!(c.unclaimed <= 2, "{spec}: {} pixels are not proved", c.unclaimed);
-    }
+    trials::bench_frames(checked);
 }
 
 /// White noise has every cell active and every trilinear case in it; odd sizes, spacings and axes.
 #[test]
 fn noise_is_exact_on_any_lattice() {
-    let turned = DMat3::from_rotation_z(0.3) * DMat3::from_rotation_x(-1.1);
-    let cases = [
-        ([2, 2, 2], DVec3::ONE, DMat3::IDENTITY),
-        ([7, 18, 5], DVec3::new(1.0, 0.25, 3.0), DMat3::IDENTITY),
-        ([9, 6, 17], DVec3::new(1.0, 2.0, 0.5), turned),
-        ([6, 9, 6], DVec3::ONE, DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0))),
-    ];
-    for (i, (dims, spacing, direction)) in cases.into_iter().enumerate() {
-        let data = noise(dims, spacing, direction, i as u64 + 1);
-        let view = View::fit(data.bounds(), 40.0, 96, 72);
-        let c = checked(&data, &[Surface::isovalue(0.5, 0)], &view);
+    trials::noise_on_lattices(96, 72, |data, view, dims| {
+        let c = checked(data, &[Surface::isovalue(0.5, 0)], view);
         assert!(c.hits > 500, "{dims:?}: {}", c.hits);
         assert!(c.unclaimed <= 5, "{dims:?}: {} pixels are not proved", c.unclaimed);
-    }
+    });
 }
 
 #[test]
 fn all_hits_are_those_of_the_oracle() {
-    let data = noise([8, 9, 10], DVec3::ONE, DMat3::IDENTITY, 77);
-    let (lo, hi) = data.bounds();
-    let mut random = Random(5);
-    let rays: Vec<Ray> = (0..3000)
-        .map(|_| {
-            // from outside and from inside
-            let p = lo + (hi - lo) * DVec3::new(random.unit(), random.unit(), random.unit());
-            let d = random.direction();
-            let back = if random.unit() < 0.7 { 30.0 } else { 0.0 };
-            Ray {
-                origin: p - d * back,
-                direction: d,
-            }
-        })
-        .collect();
-    let layers = 40;
-    let (f, r) = draw(&data, &[Surface::isovalue(0.45, 0)], &View::rays(rays.clone()), layers);
-    let oracle = Oracle::new(r.reconstruction(Stage::Stored).unwrap(), 0.45);
-    let mut total = 0;
-    for (i, ray) in rays.iter().enumerate() {
-        let roots = oracle.all(ray).roots;
-        assert_eq!(usize::from(f.hits[i]), roots.len(), "ray {i}: {roots:?}");
-        for (l, root) in roots.iter().enumerate() {
-            let t = f.t[l * rays.len() + i];
-            assert!(root.distance(t) < 1e-8, "ray {i}, layer {l}: {t} instead of {root:?}");
-        }
-        total += roots.len();
-    }
+    let total = trials::all_hits(&OCTREE_CPU, 3000, 0.45);
     assert!(total > 5_000, "{total} roots");
 }
 
 #[test]
 fn several_isovalues_are_merged_in_order() {
-    let data = synthetic("gyroid,n=32");
-    let mut s: Vec<_> = [0.2, -0.3, 0.9]
-        .iter()
-        .enumerate()
-        .map(|(i, &c)| Surface::isovalue(c, i))
-        .collect();
-    s[1].opacity = 0.4;
-    checked(&data, &s, &View::bench(96, 72));
-    let (f, _) = draw(&data, &s, &View::bench(96, 72), 6);
-    let n = 96 * 72;
-    for i in 0..n {
-        assert!(
-            (1..6).all(|l| f.t[l * n + i] >= f.t[(l - 1) * n + i]),
-            "pixel {i} is out of order"
-        );
-    }
-    assert!([0, 1, 2].iter().all(|s| f.surface.contains(s)));
+    trials::several_isovalues(&OCTREE_CPU, |data, surfaces, view| {
+        checked(data, surfaces, view);
+    });
 }
 
 /// hardcases B8: rays exactly along edges, diagonals and faces of cells hit as their neighbours do.
 #[test]
 fn rays_along_edges_and_faces_lose_nothing() {
-    let samples: Vec<f32> = (0..11 * 11 * 11)
-        .map(|i| {
-            let p = DVec3::new((i % 11) as f64, (i / 11 % 11) as f64, (i / 121) as f64) - 5.0;
-            p.length_squared() as f32
-        })
-        .collect();
-    let data = Arc::new(Data::Grid(Grid::unit([11; 3], Samples::F32(samples.into())).unwrap()));
+    let from = |x: f64| (x - 5.0).powi(2);
+    let data = Arc::new(Data::Grid(sampled([11; 3], |x, y, z| from(x) + from(y) + from(z))));
     let directions = [
         DVec3::X,
         DVec3::Y,
@@ -197,73 +80,30 @@ fn rays_along_edges_and_faces_lose_nothing() {
         DVec3::ONE,
         DVec3::new(0.0, -1.0, 1.0),
     ];
-    let rays: Vec<Ray> = directions
-        .iter()
-        .flat_map(|&d| {
-            [0.0, 1e-9, -1e-9].map(|e| Ray {
-                origin: DVec3::splat(5.0) - d * 20.0 + DVec3::new(e, -e, e * 0.5),
-                direction: d,
-            })
-        })
-        .collect();
-    let (f, r) = draw(&data, &[Surface::isovalue(9.5, 0)], &View::rays(rays.clone()), 4);
-    let oracle = Oracle::new(r.reconstruction(Stage::Stored).unwrap(), 9.5);
-    for (i, ray) in rays.iter().enumerate() {
-        assert_eq!(f.hits[i], 2, "ray {i}");
-        for (l, root) in oracle.all(ray).roots.iter().enumerate() {
-            assert!(root.distance(f.t[l * rays.len() + i]) < 1e-8, "ray {i}");
-        }
-    }
+    let offsets = [0.0, 1e-9, -1e-9].map(|e| DVec3::new(e, -e, e * 0.5));
+    let rays = rays_towards(DVec3::splat(5.0), &directions, &offsets);
+    assert_eq!(hits_are_roots(&OCTREE_CPU, &data, 9.5, &rays, 4, 1e-8), 2 * rays.len());
 }
 
 /// An isovalue equal to samples, plateaus included (hardcases B5, B7): no panic, nothing false, and what is claimed is right.
 #[test]
 fn plateaus_are_hit_at_their_entry() {
-    let mut random = Random(3);
-    let samples: Vec<u8> = (0..6 * 7 * 8).map(|_| (random.unit() * 3.0) as u8).collect();
-    let data = Arc::new(Data::Grid(Grid::unit([6, 7, 8], Samples::U8(samples.into())).unwrap()));
-    let view = View::fit(data.bounds(), 40.0, 64, 48);
-    checked(&data, &[Surface::isovalue(1.0, 0)], &view);
+    trials::plateaus(|data, surfaces, view| {
+        checked(data, surfaces, view);
+    });
 }
 
 /// hardcases E1 and B17: far eyes and extreme aspects neither lose hits nor claim what is not proved.
 #[test]
 fn far_eyes_and_thin_cells() {
-    let data = noise([6, 6, 6], DVec3::new(1.0, 1.0, 1e-6), DMat3::IDENTITY, 9);
-    let view = View::fit(data.bounds(), 40.0, 32, 24);
-    checked(&data, &[Surface::isovalue(0.5, 0)], &view);
-    let data = synthetic("sphere,n=33");
-    let ray = Ray {
-        origin: DVec3::new(-1e12, 0.01, 0.02),
-        direction: DVec3::X,
-    };
-    let (f, _) = draw(&data, &[Surface::isovalue(1.0, 0)], &View::rays(vec![ray]), 2);
-    assert_eq!((f.hits[0], f.claim[0]), (2, Claim::empty()), "nothing is proved at 10^12");
+    trials::far_eyes_and_thin_cells(&OCTREE_CPU, |data, surfaces, view| {
+        checked(data, surfaces, view);
+    });
 }
 
 #[test]
 fn claims_can_be_switched_off_and_an_isovalue_costs_no_rebuild() {
-    let data = synthetic("gyroid,n=24");
-    let mut r = OCTREE_CPU.open(&request(1)).unwrap();
-    r.set_data(&data).unwrap();
-    r.set_view(&View::bench(40, 30)).unwrap();
-    assert!(matches!(r.render(&Stop::default()), Err(RenderError::NotReady(_))));
-    r.set_surfaces(&[Surface::isovalue(0.2, 0)]).unwrap();
-    r.set_knobs(&Knobs::default().with("claims", "off")).unwrap();
-    r.render(&Stop::default()).unwrap();
-    let mut f = Frame::default();
-    r.read(&mut f).unwrap();
-    assert!(f.claim.iter().all(|c| c.is_empty()) && f.t_error.iter().all(|e| e.is_infinite()));
-    let before = r.memory().index;
-    r.set_surfaces(&[Surface::isovalue(50.0, 0)]).unwrap();
-    r.set_knobs(&Knobs::default()).unwrap();
-    r.render(&Stop::default()).unwrap();
-    r.read(&mut f).unwrap();
-    assert!(
-        f.claim.iter().all(|c| *c == Claim::EMPTY),
-        "an isovalue outside the range is a proved miss"
-    );
-    assert!(r.memory().index < before);
+    trials::claims_and_isovalues(&OCTREE_CPU, &Knobs::default());
 }
 
 /// hardcases C5, C7: a surface that touches a face, an edge or a vertex of cells from one side is hit once; so is one that crosses there.
@@ -292,17 +132,8 @@ fn roots_shared_by_cells_are_one_hit() {
                 rays.push(Ray { origin, direction: d });
             }
         }
-        let (frame, r) = draw(&data, &[Surface::isovalue(0.0, 0)], &View::rays(rays.clone()), 6);
-        let oracle = Oracle::new(r.reconstruction(Stage::Stored).unwrap(), 0.0);
-        for (i, ray) in rays.iter().enumerate() {
-            let roots = oracle.all(ray).roots;
-            assert_eq!(usize::from(frame.hits[i]), roots.len(), "field {n}, ray {i}: {roots:?}");
-            for (l, root) in roots.iter().enumerate() {
-                let t = frame.t[l * rays.len() + i];
-                assert!(root.distance(t) < 1e-4, "field {n}, ray {i}: {t} instead of {root:?}");
-            }
-            touched += roots.len();
-        }
+        println!("field {n}");
+        touched += hits_are_roots(&OCTREE_CPU, &data, 0.0, &rays, 6, 1e-4);
     }
     assert!(touched >= 50, "{touched} roots");
 }
@@ -312,10 +143,6 @@ fn roots_shared_by_cells_are_one_hit() {
 fn hard_cases_are_those_of_the_oracle() {
     let grid =
         |dims: [usize; 3], samples: Vec<f32>| Arc::new(Data::Grid(Grid::unit(dims, Samples::F32(samples.into())).unwrap()));
-    let ray = |o: [f64; 3], d: [f64; 3]| Ray {
-        origin: o.into(),
-        direction: d.into(),
-    };
     let peak = (0..27).map(|i| f32::from(i == 13)).collect();
     let ramp = (0..24).map(|i| [0.0, 1.0, 2.0, 2.0, 3.0, 4.0][i % 6]).collect();
     let (x, y, z, all) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0; 3]);

@@ -2,54 +2,16 @@
 
 use crate::TETSPLINE_CPU;
 use isobar_core::{
-    Channels, Claim, ClipPlane, DMat3, DVec3, Data, Frame, Grid, Knobs, Method, Ray, RenderError, Renderer, Request, Samples,
-    Stage, Stop, Surface, View,
+    Claim, ClipPlane, DMat3, DVec3, Data, Frame, Grid, Knobs, Ray, RenderError, Renderer, Samples, Stage, Surface, View,
 };
-use isobar_fields::Synthetic;
-use isobar_oracle::{Check, Oracle, Truth, check};
+use isobar_oracle::{Check, check};
+use isobar_scenes::trials::{self, hits_are_roots, rays_towards};
+use isobar_scenes::{Random, noise, open, request, synthetic, truth, wrong};
 use std::sync::Arc;
 
-/// A seeded generator of numbers in [0, 1).
-struct Random(u64);
-impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.unit(), self.unit(), self.unit())
-    }
-    fn direction(&mut self) -> DVec3 {
-        loop {
-            let v = self.vector() * 2.0 - 1.0;
-            if v.length() > 0.1 && v.length() < 1.0 {
-                return v.normalize();
-            }
-        }
-    }
-}
-
-fn request(layers: usize, knobs: Knobs) -> Request {
-    Request {
-        channels: Channels::all(),
-        layers,
-        knobs,
-        ..Request::default()
-    }
-}
-
 fn draw_with(data: &Arc<Data>, surfaces: &[Surface], view: &View, layers: usize, knobs: Knobs) -> (Frame, Box<dyn Renderer>) {
-    let mut r = TETSPLINE_CPU.open(&request(layers, knobs)).unwrap();
-    r.set_data(data).unwrap();
-    r.set_surfaces(surfaces).unwrap();
-    r.set_view(view).unwrap();
-    r.render(&Stop::default()).unwrap();
-    let mut f = Frame::default();
-    r.read(&mut f).unwrap();
-    (f, r)
+    let mut r = open(&TETSPLINE_CPU, &request(layers, knobs));
+    (isobar_scenes::draw(&mut *r, data, surfaces, view), r)
 }
 
 fn draw(data: &Arc<Data>, surfaces: &[Surface], view: &View, layers: usize) -> (Frame, Box<dyn Renderer>) {
@@ -60,7 +22,7 @@ fn draw(data: &Arc<Data>, surfaces: &[Surface], view: &View, layers: usize) -> (
 fn compared(data: &Arc<Data>, surfaces: &[Surface], view: &View, knobs: Knobs) -> Check {
     let (frame, r) = draw_with(data, surfaces, view, 1, knobs.clone());
     let f = r.reconstruction(Stage::Stored).unwrap();
-    let truth = Truth::compute(&f, surfaces, view, &Stop::default()).unwrap();
+    let truth = truth(&*r, surfaces, view);
     let c = check(&frame, &truth, &f, surfaces, view).unwrap();
     let rays: Vec<Ray> = (0..view.pixels()).map(|i| view.ray(i % view.width, i / view.width)).collect();
     let list = View {
@@ -70,8 +32,7 @@ fn compared(data: &Arc<Data>, surfaces: &[Surface], view: &View, knobs: Knobs) -
     let (mut alone, _) = draw_with(data, surfaces, &list, 1, knobs);
     (alone.width, alone.height) = (view.width, view.height);
     let a = check(&alone, &truth, &f, surfaces, view).unwrap();
-    let numbers = |c: &Check| [c.missed, c.false_hits, c.wrong_root, c.wrong_surface, c.refuted];
-    assert_eq!(numbers(&a), numbers(&c));
+    assert_eq!(wrong(&a), wrong(&c));
     assert!(
         a.unclaimed <= c.unclaimed + 2,
         "{} alone, {} in packets",
@@ -83,124 +44,48 @@ fn compared(data: &Arc<Data>, surfaces: &[Surface], view: &View, knobs: Knobs) -
 
 fn checked(data: &Arc<Data>, surfaces: &[Surface], view: &View) -> Check {
     let c = compared(data, surfaces, view, Knobs::default());
-    assert_eq!(
-        (c.missed, c.false_hits, c.wrong_root, c.wrong_surface, c.refuted),
-        (0, 0, 0, 0, 0)
-    );
+    assert_eq!(wrong(&c), [0; 5]);
     c
-}
-
-fn synthetic(spec: &str) -> Arc<Data> {
-    Arc::new(spec.parse::<Synthetic>().unwrap().data().unwrap())
-}
-
-fn noise(dims: [usize; 3], spacing: DVec3, direction: DMat3, seed: u64) -> Arc<Data> {
-    let mut random = Random(seed);
-    let samples: Vec<f32> = (0..dims.iter().product()).map(|_| random.unit() as f32).collect();
-    let samples = Samples::F32(samples.into());
-    let grid = Grid::new(dims, spacing, DVec3::new(0.5, -3.0, 11.0), direction, samples).unwrap();
-    Arc::new(Data::Grid(grid))
 }
 
 #[test]
 fn frames_are_exact_and_proved() {
-    for (spec, c) in [("marschner-lobb,n=40", 0.5), ("gyroid,n=48", 0.2), ("sphere,n=21", 1.0)] {
-        let view = View::bench(160, 120);
-        for kind in ["type6", "type6-prefiltered"] {
-            let knobs = Knobs::default().with("reconstruction", kind);
-            let c = compared(&synthetic(spec), &[Surface::isovalue(c, 0)], &view, knobs);
-            assert!(c.is_clean(), "{spec} {kind}");
-            assert!(c.hits > 1000, "{spec}");
-            assert!(c.t_error_voxels.max < 1e-9, "{spec}: {:?}", c.t_error_voxels);
-            assert!(c.normal_error_deg.max < 1e-4, "{spec}: {:?}", c.normal_error_deg);
-            assert!(c.unclaimed <= 2, "{spec}: {} pixels are not proved", c.unclaimed);
-        }
+    for kind in ["type6", "type6-prefiltered"] {
+        let knobs = Knobs::default().with("reconstruction", kind);
+        trials::bench_frames(|data, surfaces, view| compared(data, surfaces, view, knobs.clone()));
     }
 }
 
 /// White noise has every cube active; odd sizes, spacings and axes.
 #[test]
 fn noise_is_exact_on_any_lattice() {
-    let turned = DMat3::from_rotation_z(0.3) * DMat3::from_rotation_x(-1.1);
-    let cases = [
-        ([2, 2, 2], DVec3::ONE, DMat3::IDENTITY),
-        ([7, 18, 5], DVec3::new(1.0, 0.25, 3.0), DMat3::IDENTITY),
-        ([9, 6, 17], DVec3::new(1.0, 2.0, 0.5), turned),
-        ([6, 9, 6], DVec3::ONE, DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0))),
-    ];
-    for (i, (dims, spacing, direction)) in cases.into_iter().enumerate() {
-        let data = noise(dims, spacing, direction, i as u64 + 1);
-        let view = View::fit(data.bounds(), 40.0, 96, 72);
-        let c = checked(&data, &[Surface::isovalue(0.5, 0)], &view);
+    trials::noise_on_lattices(96, 72, |data, view, dims| {
+        let c = checked(data, &[Surface::isovalue(0.5, 0)], view);
         assert!(c.hits > 300, "{dims:?}: {}", c.hits);
         assert!(c.unclaimed <= 5, "{dims:?}: {} pixels are not proved", c.unclaimed);
-    }
+    });
 }
 
 #[test]
 fn all_hits_are_those_of_the_oracle() {
-    let data = noise([8, 9, 10], DVec3::ONE, DMat3::IDENTITY, 77);
-    let (lo, hi) = data.bounds();
-    let mut random = Random(5);
-    let rays: Vec<Ray> = (0..2000)
-        .map(|_| {
-            // from outside and from inside
-            let p = lo + (hi - lo) * random.vector();
-            let d = random.direction();
-            let back = if random.unit() < 0.7 { 30.0 } else { 0.0 };
-            Ray {
-                origin: p - d * back,
-                direction: d,
-            }
-        })
-        .collect();
-    let layers = 40;
-    let (f, r) = draw(&data, &[Surface::isovalue(0.5, 0)], &View::rays(rays.clone()), layers);
-    let oracle = Oracle::new(r.reconstruction(Stage::Stored).unwrap(), 0.5);
-    let mut total = 0;
-    for (i, ray) in rays.iter().enumerate() {
-        let roots = oracle.all(ray).roots;
-        assert_eq!(usize::from(f.hits[i]), roots.len(), "ray {i}: {roots:?}");
-        for (l, root) in roots.iter().enumerate() {
-            let t = f.t[l * rays.len() + i];
-            assert!(root.distance(t) < 1e-8, "ray {i}, layer {l}: {t} instead of {root:?}");
-        }
-        total += roots.len();
-    }
+    let total = trials::all_hits(&TETSPLINE_CPU, 2000, 0.5);
     assert!(total > 3_000, "{total} roots");
 }
 
 #[test]
 fn several_isovalues_are_merged_in_order() {
-    let data = synthetic("gyroid,n=32");
-    let mut s: Vec<_> = [0.2, -0.3, 0.9]
-        .iter()
-        .enumerate()
-        .map(|(i, &c)| Surface::isovalue(c, i))
-        .collect();
-    s[1].opacity = 0.4;
-    checked(&data, &s, &View::bench(96, 72));
-    let (f, _) = draw(&data, &s, &View::bench(96, 72), 6);
-    let n = 96 * 72;
-    for i in 0..n {
-        assert!(
-            (1..6).all(|l| f.t[l * n + i] >= f.t[(l - 1) * n + i]),
-            "pixel {i} is out of order"
-        );
-    }
-    assert!([0, 1, 2].iter().all(|s| f.surface.contains(s)));
+    trials::several_isovalues(&TETSPLINE_CPU, |data, surfaces, view| {
+        checked(data, surfaces, view);
+    });
 }
 
 /// hardcases B8, B11b: rays exactly along faces, edges and diagonals of the partition, and through its vertices, lose nothing and see nothing twice.
 #[test]
 fn rays_along_planes_of_the_partition_lose_nothing() {
-    let samples: Vec<f32> = (0..25 * 25 * 25)
-        .map(|i| {
-            let p = DVec3::new((i % 25) as f64, (i / 25 % 25) as f64, (i / 625) as f64) - 12.0;
-            p.length_squared() as f32
-        })
-        .collect();
-    let data = Arc::new(Data::Grid(Grid::unit([25; 3], Samples::F32(samples.into())).unwrap()));
+    let from = |x: f64| (x - 12.0).powi(2);
+    let data = Arc::new(Data::Grid(isobar_scenes::sampled([25; 3], |x, y, z| {
+        from(x) + from(y) + from(z)
+    })));
     let directions = [
         DVec3::X,
         DVec3::Y,
@@ -212,23 +97,10 @@ fn rays_along_planes_of_the_partition_lose_nothing() {
         DVec3::new(2.0, 1.0, -1.0),
         DVec3::new(1.0, 0.0, 2.0),
     ];
-    let rays: Vec<Ray> = directions
-        .iter()
-        .flat_map(|&d| {
-            [DVec3::ZERO, DVec3::splat(0.5), DVec3::X * 0.5, DVec3::new(1e-9, -1e-9, 5e-10)].map(|e| Ray {
-                origin: DVec3::splat(12.0) - d * 20.0 + e,
-                direction: d,
-            })
-        })
-        .collect();
-    let (f, r) = draw(&data, &[Surface::isovalue(100.0, 0)], &View::rays(rays.clone()), 4);
-    let oracle = Oracle::new(r.reconstruction(Stage::Stored).unwrap(), 100.0);
-    for (i, ray) in rays.iter().enumerate() {
-        assert_eq!(f.hits[i], 2, "ray {i}");
-        for (l, root) in oracle.all(ray).roots.iter().enumerate() {
-            assert!(root.distance(f.t[l * rays.len() + i]) < 1e-8, "ray {i}");
-        }
-    }
+    let offsets = [DVec3::ZERO, DVec3::splat(0.5), DVec3::X * 0.5, DVec3::new(1e-9, -1e-9, 5e-10)];
+    let rays = rays_towards(DVec3::splat(12.0), &directions, &offsets);
+    assert_eq!(hits_are_roots(&TETSPLINE_CPU, &data, 100.0, &rays, 4, 1e-8), 2 * rays.len());
+    let (f, _) = draw(&data, &[Surface::isovalue(100.0, 0)], &View::rays(rays.clone()), 4);
     // Through the centre: the radius is sqrt(99.25).
     assert!((f.t[0] - (20.0 - 99.25f64.sqrt())).abs() < 1e-12);
     // Sphere through vertices, centres and centroids: the roots lie on common points of many tetrahedra.
@@ -239,11 +111,10 @@ fn rays_along_planes_of_the_partition_lose_nothing() {
 /// An isovalue equal to samples, plateaus included (hardcases B5, B7): no panic, nothing false, and what is claimed is right.
 #[test]
 fn plateaus_are_hit_at_their_entry() {
+    trials::plateaus(|data, surfaces, view| {
+        checked(data, surfaces, view);
+    });
     let mut random = Random(3);
-    let samples: Vec<u8> = (0..6 * 7 * 8).map(|_| (random.unit() * 3.0) as u8).collect();
-    let data = Arc::new(Data::Grid(Grid::unit([6, 7, 8], Samples::U8(samples.into())).unwrap()));
-    let view = View::fit(data.bounds(), 40.0, 64, 48);
-    checked(&data, &[Surface::isovalue(1.0, 0)], &view);
     let samples: Vec<u8> = (0..12 * 12 * 12)
         .map(|i| if (3..9).contains(&(i % 12)) { 5 } else { (i % 3) as u8 })
         .collect();
@@ -265,16 +136,9 @@ fn plateaus_are_hit_at_their_entry() {
 /// hardcases E1 and B17: far eyes and extreme aspects neither lose hits nor claim what is not proved.
 #[test]
 fn far_eyes_and_thin_cells() {
-    let data = noise([6, 6, 6], DVec3::new(1.0, 1.0, 1e-6), DMat3::IDENTITY, 9);
-    let view = View::fit(data.bounds(), 40.0, 32, 24);
-    checked(&data, &[Surface::isovalue(0.5, 0)], &view);
-    let data = synthetic("sphere,n=33");
-    let ray = Ray {
-        origin: DVec3::new(-1e12, 0.01, 0.02),
-        direction: DVec3::X,
-    };
-    let (f, _) = draw(&data, &[Surface::isovalue(1.0, 0)], &View::rays(vec![ray]), 2);
-    assert_eq!((f.hits[0], f.claim[0]), (2, Claim::empty()), "nothing is proved at 10^12");
+    trials::far_eyes_and_thin_cells(&TETSPLINE_CPU, |data, surfaces, view| {
+        checked(data, surfaces, view);
+    });
 }
 
 /// Open cuts keep what they should and are proved, in packets and alone. hardcases E13: what is kept of the surface stays where it was to 1e-9, less than an ulp of any depth buffer.
@@ -417,28 +281,9 @@ fn newton_as_printed_loses_first_roots() {
 
 #[test]
 fn claims_can_be_switched_off_and_an_isovalue_costs_no_rebuild() {
-    let data = synthetic("gyroid,n=24");
-    let mut r = TETSPLINE_CPU.open(&request(1, Knobs::default())).unwrap();
-    r.set_data(&data).unwrap();
-    r.set_view(&View::bench(40, 30)).unwrap();
-    assert!(matches!(r.render(&Stop::default()), Err(RenderError::NotReady(_))));
-    r.set_surfaces(&[Surface::isovalue(0.2, 0)]).unwrap();
-    r.set_knobs(&Knobs::default().with("claims", "off")).unwrap();
-    r.render(&Stop::default()).unwrap();
-    let mut f = Frame::default();
-    r.read(&mut f).unwrap();
-    assert!(f.claim.iter().all(|c| c.is_empty()) && f.t_error.iter().all(|e| e.is_infinite()));
-    let before = r.memory().index;
-    r.set_surfaces(&[Surface::isovalue(50.0, 0)]).unwrap();
-    r.set_knobs(&Knobs::default().with("reconstruction", "type6-prefiltered"))
-        .unwrap();
-    r.render(&Stop::default()).unwrap();
-    r.read(&mut f).unwrap();
-    assert!(
-        f.claim.iter().all(|c| *c == Claim::EMPTY),
-        "an isovalue outside the range is a proved miss"
-    );
-    assert!(r.memory().index < before && r.memory().coefficients == 24 * 24 * 24 * 4);
+    let change = Knobs::default().with("reconstruction", "type6-prefiltered");
+    let mut r = trials::claims_and_isovalues(&TETSPLINE_CPU, &change);
+    assert_eq!(r.memory().coefficients, 24 * 24 * 24 * 4);
     assert_eq!(r.reconstruction(Stage::Stored).unwrap().name(), "type6-prefiltered");
     assert!(matches!(
         r.set_data(&noise([1, 4, 4], DVec3::ONE, DMat3::IDENTITY, 1)),

@@ -2,27 +2,13 @@
 
 use crate::OCTREE_CPU;
 use isobar_core::{
-    Channels, Claim, DMat3, DVec3, Data, DataError, Frame, Grid, Knobs, Method, Ray, RenderError, Renderer, Request, Samples,
-    Stage, Stop, Surface, View,
+    Claim, DMat3, DVec3, Data, DataError, Frame, Grid, Knobs, Method, Ray, RenderError, Renderer, Request, Samples, Stage, Stop,
+    Surface, View,
 };
 use isobar_fields::Kind;
-use isobar_oracle::{Check, Oracle, Truth, check};
+use isobar_oracle::{Check, Oracle};
+use isobar_scenes::{Random, against, noise, request, wrong};
 use std::sync::Arc;
-
-/// A seeded generator of numbers in [0, 1).
-struct Random(u64);
-impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-    fn point(&mut self) -> DVec3 {
-        DVec3::new(self.unit(), self.unit(), self.unit())
-    }
-}
 
 const SMOOTH: [Kind; 4] = [
     Kind::Quadratic,
@@ -32,48 +18,26 @@ const SMOOTH: [Kind; 4] = [
 ];
 
 fn open(kind: Kind, layers: usize) -> Box<dyn Renderer> {
-    let request = Request {
-        channels: Channels::all(),
-        layers,
-        knobs: Knobs::default().with("reconstruction", kind.name()),
-        ..Request::default()
-    };
-    OCTREE_CPU.open(&request).unwrap()
+    let knobs = Knobs::default().with("reconstruction", kind.name());
+    isobar_scenes::open(&OCTREE_CPU, &request(layers, knobs))
 }
 
 fn draw(kind: Kind, data: &Arc<Data>, surfaces: &[Surface], view: &View, layers: usize) -> (Frame, Box<dyn Renderer>) {
     let mut r = open(kind, layers);
-    r.set_data(data).unwrap();
-    r.set_surfaces(surfaces).unwrap();
-    r.set_view(view).unwrap();
-    r.render(&Stop::default()).unwrap();
-    let mut f = Frame::default();
-    r.read(&mut f).unwrap();
-    (f, r)
+    (isobar_scenes::draw(&mut *r, data, surfaces, view), r)
 }
 
 fn checked(kind: Kind, data: &Arc<Data>, surfaces: &[Surface], view: &View) -> Check {
     let (frame, r) = draw(kind, data, surfaces, view, 1);
     let f = r.reconstruction(Stage::Stored).unwrap();
     assert_eq!(f.name(), kind.name());
-    let truth = Truth::compute(&f, surfaces, view, &Stop::default()).unwrap();
-    let c = check(&frame, &truth, &f, surfaces, view).unwrap();
-    let wrong = (c.missed, c.false_hits, c.wrong_root, c.wrong_surface, c.refuted);
-    assert_eq!(wrong, (0, 0, 0, 0, 0), "{kind}");
+    let c = against(&frame, &*r, surfaces, view);
+    assert_eq!(wrong(&c), [0; 5], "{kind}");
     c
 }
 
 fn grid(dims: [usize; 3], samples: Samples) -> Arc<Data> {
     Arc::new(Data::Grid(Grid::unit(dims, samples).unwrap()))
-}
-
-fn noise(dims: [usize; 3], spacing: DVec3, direction: DMat3, seed: u64) -> Arc<Data> {
-    let mut random = Random(seed);
-    let samples: Vec<f32> = (0..dims.iter().product()).map(|_| random.unit() as f32).collect();
-    let origin = DVec3::new(0.5, -3.0, 11.0);
-    Arc::new(Data::Grid(
-        Grid::new(dims, spacing, origin, direction, Samples::F32(samples.into())).unwrap(),
-    ))
 }
 
 /// White noise has every case in it; sizes from one cell on, spacings, axes; every kind.
@@ -149,8 +113,8 @@ fn all_hits_are_those_of_the_oracle() {
     let mut random = Random(5);
     let rays: Vec<Ray> = (0..1200)
         .map(|_| {
-            let p = lo + (hi - lo) * random.point();
-            let d = (random.point() * 2.0 - 1.0).normalize();
+            let p = lo + (hi - lo) * random.vector();
+            let d = (random.vector() * 2.0 - 1.0).normalize();
             // from outside and from inside
             let back = if random.unit() < 0.7 { 30.0 } else { 0.0 };
             Ray {

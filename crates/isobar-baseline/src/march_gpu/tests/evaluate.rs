@@ -1,6 +1,5 @@
 //! Value and gradient on the device against `GridSpline` in f64 and the f32 twin; blocks against `Lattice::range`.
 
-use super::{Random, random_grid};
 use crate::march_gpu::blocks::{self, Builder};
 use crate::march_gpu::data;
 use crate::march_gpu::layout::Params;
@@ -10,6 +9,7 @@ use bytemuck::Zeroable;
 use isobar_core::{DVec3, Function, Lattice, Stage};
 use isobar_fields::{GridSpline, Kind};
 use isobar_gpu::{Gpu, Kernel, shader, test_adapter, wgpu};
+use isobar_scenes::{Random, random_grid};
 
 const EVALUATE: &[(&str, &str)] = &[("evaluate", include_str!("../../../shaders/evaluate.wgsl"))];
 
@@ -64,11 +64,11 @@ fn points(dims: [usize; 3], count: usize) -> Vec<[f32; 4]> {
             let mut p = [0.0; 4];
             for a in 0..3 {
                 let last = (dims[a] - 1) as f64;
-                let x = r.next() * last;
+                let x = r.single() * last;
                 p[a] = match (i + a * (i / 7)) % 6 {
                     0 => x.round(),
                     1 => (x.round() - 0.5).clamp(0.0, last),
-                    2 => last * f64::from(u8::from(r.next() < 0.5)),
+                    2 => last * f64::from(u8::from(r.single() < 0.5)),
                     _ => x,
                 } as f32;
             }

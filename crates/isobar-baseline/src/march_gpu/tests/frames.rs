@@ -1,6 +1,5 @@
 //! Frames against march/cpu (the same samples in f64) and against the f32 twin.
 
-use super::{Random, draw, open, random_grid, redraw, sampled};
 use crate::MARCH_CPU;
 use crate::march_gpu::layout::Ray as DeviceRay;
 use crate::march_gpu::programs::Filter;
@@ -10,6 +9,7 @@ use isobar_fields::{GridSpline, Kind, Synthetic};
 use isobar_gpu::levels::Level;
 use isobar_gpu::rays::{Rectangle, ToIndex};
 use isobar_gpu::test_adapter;
+use isobar_scenes::{Random, draw, open, random_grid, redraw, sampled};
 use std::sync::Arc;
 
 /// GPU against the f32 twin, in voxels along the ray: a driver that fuses products into sums moves a root by roundings of s.
@@ -259,7 +259,7 @@ fn a_plane_is_hit_exactly() {
     // From all around, through the middle: the border rules bend a line near the faces.
     let rays: Vec<Ray> = (0..300)
         .map(|_| {
-            let mut p = |s: f64| DVec3::new(r.next() - 0.5, r.next() - 0.5, r.next() - 0.5) * s + 16.0;
+            let mut p = |s: f64| DVec3::new(r.single() - 0.5, r.single() - 0.5, r.single() - 0.5) * s + 16.0;
             let at = p(6.0);
             let origin = at + (p(2.0) - 16.0).normalize() * 100.0;
             Ray {

@@ -75,7 +75,7 @@ fn all_hits_are_those_of_the_oracle() {
     let mut random = Random(5);
     let rays: Vec<Ray> = (0..1500)
         .map(|i| {
-            let mut point = || DVec3::new(random.next(), random.next(), random.next());
+            let mut point = || DVec3::new(random.single(), random.single(), random.single());
             let p = lo + (hi - lo) * point();
             let d = (point() * 2.0 - 1.0).normalize();
             Ray {
@@ -200,15 +200,8 @@ fn rays_along_edges_and_faces_lose_nothing() {
         DVec3::new(1.0, 1e-7, -1e-5),
         DVec3::new(1e-9, 1.0, 1e-12),
     ];
-    let rays: Vec<Ray> = directions
-        .iter()
-        .flat_map(|&d| {
-            [0.0, 1e-9, -1e-9, 1.0].map(|e| Ray {
-                origin: DVec3::splat(5.0) - d * 20.0 + DVec3::new(e, -e, e),
-                direction: d,
-            })
-        })
-        .collect();
+    let offsets = [0.0, 1e-9, -1e-9, 1.0].map(|e| DVec3::new(e, -e, e));
+    let rays = isobar_scenes::trials::rays_towards(DVec3::splat(5.0), &directions, &offsets);
     for kind in [Kind::Trilinear, Kind::Quadratic, Kind::Cubic] {
         let mut r = open(&OCTREE_GPU, &request(4, knobs(kind)));
         let f = draw(&mut *r, &data, &[Surface::isovalue(9.5, 0)], &View::rays(rays.clone()));
@@ -269,12 +262,10 @@ fn plateaus_are_hit_at_their_entry() {
     let f = draw(&mut *r, &data, &[Surface::isovalue(2.0, 0)], &View::rays(rays));
     assert_eq!(f.hits, [1, 1], "{:?}", f.t);
     assert!((f.t[0] - 3.0).abs() < 1e-6 && (f.t[1] - 3.0).abs() < 1e-6, "{:?}", f.t);
-    let mut random = Random(3);
-    let samples: Vec<u8> = (0..6 * 7 * 8).map(|_| (random.next() * 3.0) as u8).collect();
-    let data = Arc::new(Data::Grid(Grid::unit([6, 7, 8], Samples::U8(samples.into())).unwrap()));
-    let view = View::fit(data.bounds(), 40.0, 64, 48);
-    let c = checked(Knobs::default(), &data, &[Surface::isovalue(1.0, 0)], &view);
-    assert_eq!((c.missed, c.false_hits, c.wrong_root), (0, 0, 0));
+    isobar_scenes::trials::plateaus(|data, surfaces, view| {
+        let c = checked(Knobs::default(), data, surfaces, view);
+        assert_eq!((c.missed, c.false_hits, c.wrong_root), (0, 0, 0));
+    });
 }
 
 /// With `claims=cpu` the CPU's proofs are taken over, and none of them is refuted by the oracle.
@@ -288,9 +279,7 @@ fn claims_are_those_of_the_cpu() {
     let view = View::bench(64, 48);
     let mut r = open(&OCTREE_GPU, &request(2, Knobs::default().with("claims", "cpu")));
     let frame = draw(&mut *r, &data, &surfaces, &view);
-    let f = r.reconstruction(Stage::Stored).unwrap();
-    let truth = Truth::compute(&f, &surfaces, &view, &Stop::default()).unwrap();
-    let c = check(&frame, &truth, &f, &surfaces, &view).unwrap();
+    let c = against(&frame, &*r, &surfaces, &view);
     assert_eq!((c.refuted, c.missed + c.false_hits + c.wrong_root + c.wrong_surface), (0, 0));
     assert!(c.unclaimed <= 2, "{} pixels are not proved", c.unclaimed);
     let hits = frame

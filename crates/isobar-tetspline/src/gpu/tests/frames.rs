@@ -197,9 +197,7 @@ fn claims_are_those_of_the_cpu() {
     };
     let mut r = open(&TETSPLINE_GPU, &of_cpu);
     let frame = draw(&mut *r, &data, &surfaces, &view);
-    let f = r.reconstruction(Stage::Stored).unwrap();
-    let truth = Truth::compute(&f, &surfaces, &view, &Stop::default()).unwrap();
-    let c = check(&frame, &truth, &f, &surfaces, &view).unwrap();
+    let c = isobar_scenes::against(&frame, &*r, &surfaces, &view);
     assert_eq!((c.refuted, wrong(&c)), (0, [0; 4]));
     assert!(c.unclaimed <= 2, "{} pixels are not proved", c.unclaimed);
     let hits = frame
@@ -250,12 +248,10 @@ fn plateaus_do_not_break_it() {
     let Some(_gpu) = adapter("plateaus_do_not_break_it") else {
         return;
     };
-    let mut random = Random(3);
-    let samples: Vec<u8> = (0..6 * 7 * 8).map(|_| (random.next() * 3.0) as u8).collect();
-    let data = Arc::new(Data::Grid(Grid::unit([6, 7, 8], Samples::U8(samples.into())).unwrap()));
-    let view = View::fit(data.bounds(), 40.0, 64, 48);
-    let (c, _) = checked(Knobs::default(), &data, &[Surface::isovalue(1.0, 0)], &view);
-    assert_eq!(wrong(&c), [0; 4]);
+    isobar_scenes::trials::plateaus(|data, surfaces, view| {
+        let (c, _) = checked(Knobs::default(), data, surfaces, view);
+        assert_eq!(wrong(&c), [0; 4]);
+    });
 }
 
 /// A far eye, a large offset of the data, a large volume: no digit is lost.
@@ -264,11 +260,7 @@ fn digits_are_kept_far_from_zero() {
     let Some(_gpu) = adapter("digits_are_kept_far_from_zero") else {
         return;
     };
-    let sampled = |dims: [usize; 3], f: &dyn Fn(f64) -> f64| {
-        let n = dims.iter().product::<usize>();
-        let samples: Vec<f32> = (0..n).map(|i| f((i % dims[0]) as f64) as f32).collect();
-        Arc::new(Data::Grid(Grid::unit(dims, Samples::F32(samples.into())).unwrap()))
-    };
+    let sampled = |dims, f: &dyn Fn(f64) -> f64| Arc::new(Data::Grid(isobar_scenes::sampled(dims, |x, _, _| f(x))));
     let mut r = open(&TETSPLINE_GPU, &first_hits(Knobs::default()));
     let mut hit = |data: Arc<Data>, c: f64, x: f64, fov: f64| {
         let eye = DVec3::new(x, 1.1, 1.2);

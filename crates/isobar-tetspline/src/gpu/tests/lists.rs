@@ -203,7 +203,7 @@ fn lists_of_bytes_are_those_of_the_cpu() {
         return;
     };
     let mut random = Random(9);
-    let steps: Vec<u8> = (0..19 * 23 * 11).map(|_| (random.next() * 4.0) as u8).collect();
+    let steps: Vec<u8> = (0..19 * 23 * 11).map(|_| (random.single() * 4.0) as u8).collect();
     let flat = Grid::unit([70, 5, 4], Samples::U8(vec![7; 1400].into())).unwrap();
     let cases = [
         (random_grid([23, 18, 17], 0), vec![190.5, 128.0, 0.0, 255.0, -1.0, 300.0]),

@@ -4,89 +4,23 @@ use super::*;
 use crate::gpu::lists::Limits;
 use crate::gpu::renderer::TetsplineRenderer;
 use crate::gpu::{INFO, TETSPLINE_GPU};
-use isobar_core::{Algebraic, Camera, DataError, RenderError, Sampling, SurfaceKind, TransferFunction, Unsupported};
-
-fn noise() -> Arc<Data> {
-    Arc::new(Data::Grid(random_grid([10, 11, 12], 3)))
-}
-
-fn zero() -> [Surface; 1] {
-    [Surface::isovalue(0.0, 0)]
-}
+use isobar_core::RenderError;
+use isobar_scenes::trials::{Change, each_change, near_and_parallel, refusals, small_noise as noise, wide, zero};
 
 #[test]
 fn what_cannot_be_drawn_is_refused_and_what_was_set_is_kept() {
     let Some(_gpu) = adapter("what_cannot_be_drawn_is_refused_and_what_was_set_is_kept") else {
         return;
     };
-    let data = noise();
-    let view = View::fit(data.bounds(), 40.0, 20, 16);
-    let mut r = open(&TETSPLINE_GPU, &Request::default());
-    assert!(matches!(r.read(&mut Frame::default()), Err(RenderError::NotReady("render"))));
-    assert!(matches!(r.render(&Stop::default()), Err(RenderError::NotReady("set_data"))));
-    let first = draw(&mut *r, &data, &zero(), &view);
-    assert!(first.t.iter().any(|t| t.is_finite()));
-    let algebraic = Arc::new(Data::Algebraic(Algebraic {
-        name: "x".into(),
-        terms: vec![([1, 0, 0], 1.0)].into(),
-        lo: DVec3::ZERO,
-        hi: DVec3::ONE,
-    }));
-    assert!(matches!(
-        r.set_data(&algebraic),
-        Err(RenderError::Unsupported(Unsupported::DataKind { .. }))
-    ));
-    let grid = |samples: Vec<f32>, dims| Arc::new(Data::Grid(Grid::unit(dims, Samples::F32(samples.into())).unwrap()));
-    assert!(matches!(
-        r.set_data(&grid(vec![0.0, f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [2; 3])),
-        Err(RenderError::Data(DataError::NotFinite { count: 1, total: 8 }))
-    ));
-    assert!(matches!(
-        r.set_data(&grid(vec![0.0; 9], [3, 3, 1])),
-        Err(RenderError::Data(DataError::TooThin { .. }))
-    ));
-    assert!(matches!(
-        r.set_data(&grid(vec![3e38, -3e38, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [2; 3])),
-        Err(RenderError::Data(DataError::Unknown(_)))
-    ));
-    let boundary = Surface {
-        kind: SurfaceKind::Boundary,
-        ..zero()[0]
-    };
-    assert!(matches!(r.set_surfaces(&[boundary]), Err(RenderError::Unsupported(_))));
-    let medium = TransferFunction {
-        points: vec![],
-        unit: 1.0,
-    };
-    assert!(matches!(r.set_medium(Some(&medium)), Err(RenderError::Unsupported(_))));
-    r.set_medium(None).unwrap();
-    assert!(matches!(r.set_view(&View::bench(0, 4)), Err(RenderError::View(_))));
-    assert!(matches!(
-        r.set_view(&View::rays(vec![view.ray(3, 3)])),
-        Err(RenderError::Unsupported(Unsupported::Feature { .. }))
-    ));
-    for bad in [
+    let list = View::rays(vec![View::bench(20, 16).ray(3, 3)]);
+    let knobs = [
         ("claims", "on"),
         ("roots", "certified"),
         ("rays", "7"),
         ("cull", "maybe"),
         ("coefficients", "stored"),
-    ] {
-        assert!(
-            matches!(
-                r.set_knobs(&Knobs::default().with(bad.0, bad.1)),
-                Err(RenderError::Knob { .. })
-            ),
-            "{bad:?}"
-        );
-    }
-    // Nothing of this changed what is drawn.
-    assert_eq!(redraw(&mut *r), first);
-    let frusta = Request {
-        sampling: Sampling::PixelFrustum,
-        ..Request::default()
-    };
-    assert!(matches!(TETSPLINE_GPU.open(&frusta), Err(RenderError::Unsupported(_))));
+    ];
+    refusals(&TETSPLINE_GPU, &[list], &knobs.map(|(k, v)| Knobs::default().with(k, v)));
     assert!(INFO.gpu && INFO.id == "tetspline/gpu");
 }
 
@@ -97,60 +31,26 @@ fn every_change_gives_the_frame_of_a_fresh_renderer() {
         return;
     };
     let bytes = Arc::new(Data::Grid(random_grid([10, 11, 12], 0)));
-    let floats = noise();
+    let [near, parallel] = near_and_parallel();
     let mut other = random_grid([10, 11, 12], 4);
     other.origin = DVec3::ZERO;
-    let step = Arc::new(Data::Grid(other));
-    let near = View::fit(floats.bounds(), 40.0, 33, 21);
-    let wide = View::fit_from(floats.bounds(), DVec3::new(-1.0, 2.0, 0.5), DVec3::Z, 60.0, 200, 40);
-    let ortho = View {
-        camera: Camera::Orthographic {
-            eye: DVec3::new(-9.0, 5.0, 5.0),
-            target: DVec3::splat(5.0),
-            up: DVec3::Z,
-            height: 12.0,
-        },
-        ..near.clone()
-    };
-    let plain = Knobs::default();
-    let stored = Knobs::default().with("coefficients", "determining-set");
     let filtered = Knobs::default()
         .with("reconstruction", "type6-prefiltered")
         .with("rays", "interpolated");
-    let mut r = open(&TETSPLINE_GPU, &first_hits(plain.clone()));
-    draw(&mut *r, &floats, &zero(), &near);
-    let (mut data, mut iso, mut view, mut set) = (&floats, 0.0, &near, plain.clone());
-    for change in 0..9 {
-        match change {
-            0 => view = &wide,
-            1 => iso = 0.3,
-            2 => (data, iso) = (&bytes, 99.5),
-            3 => set = stored.clone(),
-            4 => view = &ortho,
-            5 => (data, iso) = (&floats, 0.1),
-            6 => data = &step,
-            7 => set = filtered.clone(),
-            _ => set = plain.clone(),
-        }
-        let surfaces = [Surface::isovalue(iso, 0)];
-        let before = r.memory().device;
-        match change {
-            0 | 4 => r.set_view(view).unwrap(),
-            3 | 7 | 8 => r.set_knobs(&set).unwrap(),
-            1 => r.set_surfaces(&surfaces).unwrap(),
-            _ => {
-                r.set_surfaces(&surfaces).unwrap();
-                r.set_data(data).unwrap();
-            }
-        }
-        let got = redraw(&mut *r);
-        let want = draw(&mut *open(&TETSPLINE_GPU, &first_hits(set.clone())), data, &surfaces, view);
-        assert!(want.t.iter().any(|t| t.is_finite()), "change {change} hits nothing");
-        assert_eq!(got, want, "change {change}");
-        if change == 6 {
-            assert_eq!(r.memory().device, before);
-        }
-    }
+    let changes = vec![
+        Change::View(wide(200, 40)),
+        Change::Isovalue(0.3),
+        Change::Data(bytes, 99.5),
+        Change::Knobs(Knobs::default().with("coefficients", "determining-set")),
+        Change::View(parallel),
+        Change::Data(noise(), 0.1),
+        Change::Data(Arc::new(Data::Grid(other)), 0.1),
+        Change::Knobs(filtered),
+        Change::Knobs(Knobs::default()),
+    ];
+    each_change(&TETSPLINE_GPU, first_hits, &near, changes, |n, before, r| {
+        assert!(n != 6 || r.memory().device == before);
+    });
 }
 
 #[test]
