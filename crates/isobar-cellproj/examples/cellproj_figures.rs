@@ -1,4 +1,4 @@
-//! Figures 3 to 6 and 10 to 17 of Roettger, Kraus and Ertl 2000: `cargo run -p isobar-cellproj --example figures -- FOLDER [BLUNTFIN [HEAD [BONSAI]]]` writes figure-3.png and so
+//! Figures 3 to 6 and 10 to 17 of Roettger, Kraus and Ertl 2000: `cargo run -p isobar-cellproj --example cellproj_figures -- FOLDER [BLUNTFIN [HEAD [BONSAI]]]` writes figure-3.png and so
 //! on for the data that are given: bluntfinxyz.bin, a head and a bonsai as grids, which become tetrahedra.
 //!
 //! | figure | panels, left to right |

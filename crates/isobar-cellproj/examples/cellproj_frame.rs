@@ -1,5 +1,5 @@
 //! Draws a scene, gives the CPU time of a frame (least and median of the repeats, summed over threads) with counters, and holds it against the oracle:
-//! `cargo run --release -p isobar-cellproj --example frame -- FILE|NAME,as=tets ISOVALUE[,ISOVALUE...]|N [size=1024x768] [ortho] [check] [repeats=9]
+//! `cargo run --release -p isobar-cellproj --example cellproj_frame -- FILE|NAME,as=tets ISOVALUE[,ISOVALUE...]|N [size=1024x768] [ortho] [check] [repeats=9]
 //! [tf=sharp|smooth|FILE.toml] [colours] [paper|gpu] [threads=N] [eye=X,Y,Z target=X,Y,Z] [set=knob:value,...]`. N without a point asks for N isovalues evenly inside the range; cell data are averaged to
 //! the points; `paper` draws with `cellproj/cpu-paper`, `gpu` (feature `gpu`) with `cellproj/gpu`; `check` also tells where a normal is far from the oracle's; synthetic data are seen in the bench view, files in the default one.
 
