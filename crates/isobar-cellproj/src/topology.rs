@@ -154,17 +154,19 @@ impl Topology {
         Ok(out)
     }
 
-    /// Whether every edge of the boundary belongs to two faces of it and neither's far corner lies outside the other, exactly. A connected
-    /// closed surface with this property bounds a convex body (Tietze, Nakajima); a second surface, around a cavity, cannot have it.
+    /// Whether the boundary is one surface, every edge of it belongs to two of its faces and neither's far corner lies outside the other, exactly. A connected
+    /// closed surface with this property bounds a convex body (Tietze, Nakajima). A second surface may have it as well: two faces of the same place that do not match, in a slit of no thickness.
     fn is_locally_convex(&self, mesh: &Cells, ids: &[u32]) -> bool {
-        let mut edges: Vec<([u32; 2], [u32; 3], u32)> = Vec::with_capacity(3 * self.boundary_faces);
+        let mut edges: Vec<([u32; 2], [u32; 3], u32, usize)> = Vec::with_capacity(3 * self.boundary_faces);
+        let mut faces = 0;
         for &i in &self.boundary {
             for k in (0..4).filter(|&k| self.neighbours[i as usize][k] == NONE) {
                 let f = FACES[k].map(|c| ids[mesh.cells[i as usize][c] as usize]);
                 for e in 0..3 {
                     let (a, b, far) = (f[e], f[(e + 1) % 3], f[(e + 2) % 3]);
-                    edges.push(([a.min(b), a.max(b)], f, far));
+                    edges.push(([a.min(b), a.max(b)], f, far, faces));
                 }
+                faces += 1;
             }
         }
         edges.par_sort_unstable();
@@ -173,19 +175,51 @@ impl Topology {
             Coord3D { x: p.x, y: p.y, z: p.z }
         };
         let mut pairs = edges.chunk_by(|a, b| a.0 == b.0);
-        pairs.all(|pair| match pair {
+        let mut parts = Parts::new(faces);
+        let convex = pairs.all(|pair| match pair {
             // orient3d is negative where the last point lies above the plane of the others seen counterclockwise: outside.
             [a, b] => {
+                parts.join(a.3, b.3);
                 let outside = |f: [u32; 3], far: u32| orient3d(point(f[0]), point(f[1]), point(f[2]), point(far)) < 0.0;
                 !outside(a.1, b.2) && !outside(b.1, a.2)
             }
             _ => false,
-        })
+        });
+        convex && parts.count == 1
     }
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
         self.neighbours.len() * 16 + self.boundary.len() * 4
+    }
+}
+
+/// Sets of things joined two by two.
+struct Parts {
+    above: Vec<usize>,
+    count: usize,
+}
+
+impl Parts {
+    fn new(n: usize) -> Self {
+        Self {
+            above: (0..n).collect(),
+            count: n,
+        }
+    }
+
+    fn of(&mut self, mut i: usize) -> usize {
+        while self.above[i] != i {
+            self.above[i] = self.above[self.above[i]];
+            i = self.above[i];
+        }
+        i
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.of(a), self.of(b));
+        self.count -= usize::from(a != b);
+        self.above[a] = b;
     }
 }
 
