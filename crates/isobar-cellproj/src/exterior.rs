@@ -128,7 +128,8 @@ fn entered_twice(mesh: &Cells, topology: &Topology, screen: &Screen, bins: &Cell
     twice
 }
 
-/// A place where a ray crosses the boundary: pixel, depth, cell.
+/// A stay that begins or ends on the boundary: pixel, depth of its middle, cell. Stays of a ray do not overlap, so their middles tell their order whatever rounding does to ends that meet: no
+/// tolerance, which from far away would be as long as a cell.
 type Crossing = (u16, f64, u32);
 
 /// The pairs of the pixels `wanted`, a bit each.
@@ -162,11 +163,12 @@ fn in_block(
                     continue;
                 };
                 let pixel = (y * SIDE + x) as u16;
+                let middle = 0.5 * stay.from + 0.5 * stay.to;
                 if stay.entry.is_some_and(|k| open[usize::from(k)]) {
-                    entries.push((pixel, stay.from, cell));
+                    entries.push((pixel, middle, cell));
                 }
                 if open[usize::from(stay.exit)] {
-                    exits.push((pixel, stay.to, cell));
+                    exits.push((pixel, middle, cell));
                 }
             }
         }
@@ -180,15 +182,11 @@ fn in_block(
         let from = exits.partition_point(|e| e.0 < here[0].0);
         exits = &exits[from..];
         let mut left = &exits[..exits.partition_point(|e| e.0 == here[0].0)];
-        // Every entry follows the last exit before it; rounding may exchange an exit and the entry at the same depth.
+        // Every entry follows the last exit before it.
         for entry in here {
-            let slack = 1e-9 * entry.1.abs();
-            let before = left.partition_point(|e| e.1 <= entry.1 + slack);
+            let before = left.partition_point(|e| e.1 < entry.1);
             if before > 0 {
-                let exit = left[before - 1];
-                if exit.2 != entry.2 {
-                    out.push((exit.2, entry.2));
-                }
+                out.push((left[before - 1].2, entry.2));
                 left = &left[before - 1..];
             }
         }
