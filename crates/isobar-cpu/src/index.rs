@@ -69,6 +69,13 @@ impl Bounds {
         self.hi - self.isovalue
     }
 
+    /// What lies below the first or above the second cannot reach the isovalue, up to the margin.
+    #[inline(always)]
+    #[must_use]
+    pub fn ends(&self) -> (f64, f64) {
+        (self.lo, self.hi)
+    }
+
     /// Whether values between `lo` and `hi` can reach the isovalue, up to the margin.
     #[inline(always)]
     #[must_use]
@@ -242,6 +249,13 @@ fn fastest(d: [f64; 3]) -> f64 {
     d[0].abs().max(d[1].abs()).max(d[2].abs())
 }
 
+/// Whether the planes that a ray crosses have no finite parameters: directions of some 1e-300 voxels.
+#[inline(always)]
+#[must_use]
+pub fn overflows(d: [f64; 3], inv: [f64; 3], shift: [f64; 3]) -> bool {
+    (0..3).any(|a| d[a] != 0.0 && !(inv[a].is_finite() && shift[a].is_finite()))
+}
+
 /// What planes keep of a ray in a domain grown by e.
 #[inline(always)]
 #[must_use]
@@ -261,9 +275,9 @@ pub fn side(e: f64) -> Side {
 #[must_use]
 pub fn ends(steepest: f64, d: [f64; 3], [t0, t1]: [f64; 2], e: f64, of: impl Fn(f64) -> (f64, f64)) -> f64 {
     let ((first, last), (late, early)) = (of(e), of(-e));
-    // What is not a number meets nothing.
+    // What is not a number meets nothing, and bounds nothing.
     let met = late <= early;
-    if !met {
+    if !met || [t0, t1, first, last, late, early].iter().any(|t| !t.is_finite()) {
         return f64::INFINITY;
     }
     // At an edge of the domain the inner distance can be the larger one: another plane decides there.

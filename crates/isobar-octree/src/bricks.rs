@@ -5,7 +5,10 @@
 //! "is anything in these 4^3 bricks" is one load; and the cells of a brick get such a word too, made when the first ray enters the brick and kept
 //! until the isovalues change: work follows what is visible.
 
-use crate::walk::Bounds;
+use crate::walk::{Bounds, three};
+use isobar_core::Samples;
+use isobar_cpu::Level;
+use isobar_cpu::packet::{Lanes, WithLanes, run as lanes};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -15,6 +18,39 @@ pub(crate) const SIDE: usize = 4;
 /// Samples a volume may have.
 pub(crate) trait Sample: Copy + PartialOrd + Into<f64> + Send + Sync + 'static {}
 impl<T: Copy + PartialOrd + Into<f64> + Send + Sync + 'static> Sample for T {}
+
+/// Samples of a volume, or coefficients of a spline, as they are stored.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Values<'a> {
+    U8(&'a [u8]),
+    I16(&'a [i16]),
+    U16(&'a [u16]),
+    F32(&'a [f32]),
+}
+
+impl<'a> Values<'a> {
+    pub(crate) fn of(samples: &'a Samples) -> Self {
+        match samples {
+            Samples::U8(s) => Self::U8(s),
+            Samples::I16(s) => Self::I16(s),
+            Samples::U16(s) => Self::U16(s),
+            Samples::F32(s) => Self::F32(s),
+        }
+    }
+}
+
+/// Runs `$body` with the typed values. One branch per cell costs nothing; one caster per type would quadruple the program, and the time to compile it.
+macro_rules! values {
+    ($values:expr, $v:ident => $body:expr) => {
+        match $values {
+            $crate::bricks::Values::U8($v) => $body,
+            $crate::bricks::Values::I16($v) => $body,
+            $crate::bricks::Values::U16($v) => $body,
+            $crate::bricks::Values::F32($v) => $body,
+        }
+    };
+}
+pub(crate) use values;
 
 /// Bit of cell or brick (x, y, z) in its word; only the lowest two bits of each count.
 #[inline(always)]
@@ -83,6 +119,8 @@ pub(crate) struct Active {
     before: Vec<u32>,
     /// Per active brick: its active cells, and [`UNKNOWN`] until a ray comes by.
     cells: Vec<AtomicU64>,
+    /// Instructions these are worked out with; the same at every level.
+    level: Level,
 }
 
 /// The word of a brick that no ray has entered yet. No active brick has this word afterwards: between a sample on one side of the isovalue and one
@@ -121,6 +159,7 @@ impl Active {
             words,
             before,
             cells,
+            level: Level::detect(),
         }
     }
 
@@ -142,20 +181,12 @@ impl Active {
 
     /// The active cells of brick `at` (bit `b` of word `w`, which is set).
     #[inline(always)]
-    pub(crate) fn cells<T: Sample>(
-        &self,
-        w: usize,
-        b: u32,
-        at: [i32; 3],
-        samples: &[T],
-        dims: [usize; 3],
-        bounds: &[Bounds],
-    ) -> u64 {
+    pub(crate) fn cells(&self, w: usize, b: u32, at: [i32; 3], samples: Values<'_>, dims: [usize; 3], bounds: &[Bounds]) -> u64 {
         let below = self.words[w] & ((1u64 << b) - 1);
         let slot = &self.cells[(self.before[w] + below.count_ones()) as usize];
         match slot.load(Ordering::Relaxed) {
             UNKNOWN => {
-                let mask = active_cells(at, samples, dims, bounds);
+                let mask = active_cells_of(self.level, at, samples, dims, bounds);
                 // Every thread would store the same word.
                 slot.store(mask, Ordering::Relaxed);
                 mask
@@ -165,26 +196,83 @@ impl Active {
     }
 }
 
+#[cold]
 #[inline(never)]
-fn active_cells<T: Sample>(brick: [i32; 3], samples: &[T], dims: [usize; 3], bounds: &[Bounds]) -> u64 {
-    let lo = brick.map(|b| b as usize * SIDE);
-    let n: [usize; 3] = std::array::from_fn(|a| (dims[a] - 1 - lo[a]).min(SIDE));
-    let (sy, sz) = (dims[0], dims[0] * dims[1]);
-    let mut mask = 0;
-    for k in 0..n[2] {
-        for j in 0..n[1] {
-            let start = (lo[2] + k) * sz + (lo[1] + j) * sy + lo[0];
-            for i in 0..n[0] {
-                let s = &samples[start + i..start + i + sz + sy + 2];
-                let v = [s[0], s[1], s[sy], s[sy + 1], s[sz], s[sz + 1], s[sz + sy], s[sz + sy + 1]];
-                let least = v.iter().fold(v[0], |m, &x| if x < m { x } else { m });
-                let greatest = v.iter().fold(v[0], |m, &x| if x > m { x } else { m });
-                let on = bounds.iter().any(|b| b.meets(least.into(), greatest.into()));
-                mask |= u64::from(on) << bit([i as i32, j as i32, k as i32]);
+fn active_cells_of(level: Level, brick: [i32; 3], samples: Values<'_>, dims: [usize; 3], bounds: &[Bounds]) -> u64 {
+    values!(samples, samples => lanes(level, ActiveCells { brick, samples, dims, bounds }))
+}
+
+/// The active cells of a brick. A cell meets an isovalue where one of its corners is not above it and one not below: one bit per sample and side, rows of eight, and cells by
+/// shifts of these.
+struct ActiveCells<'a, T> {
+    brick: [i32; 3],
+    samples: &'a [T],
+    dims: [usize; 3],
+    bounds: &'a [Bounds],
+}
+
+impl<T: Sample> WithLanes for ActiveCells<'_, T> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self) -> u64 {
+        let dims = self.dims;
+        let lo = three(|a| self.brick[a] as usize * SIDE);
+        let n = three(|a| (dims[a] - 1 - lo[a]).min(SIDE));
+        let mut mask = 0;
+        for bound in self.bounds {
+            let (least, greatest) = bound.ends();
+            let (least, greatest) = (S::splat(least), S::splat(greatest));
+            // Per plane of samples, bit 8 j + i.
+            let (mut low, mut high) = ([0u64; SIDE + 1], [0u64; SIDE + 1]);
+            for k in 0..=n[2] {
+                for j in 0..=n[1] {
+                    let at = ((lo[2] + k) * dims[1] + lo[1] + j) * dims[0] + lo[0];
+                    // What lies behind the row is some other sample, and counts for no cell.
+                    let row = S::load(&eight(self.samples, at));
+                    low[k] |= u64::from(!row.above(greatest)) << (8 * j);
+                    high[k] |= u64::from(!least.above(row)) << (8 * j);
+                }
+            }
+            for k in 0..n[2] {
+                let cells = corners(low[k] | low[k + 1]) & corners(high[k] | high[k + 1]);
+                for j in 0..n[1] {
+                    mask |= (cells >> (8 * j) & ((1 << n[0]) - 1)) << (16 * k + 4 * j);
+                }
             }
         }
+        mask
     }
-    mask
+}
+
+/// Of two planes of samples, those at the corners of each cell together.
+#[inline(always)]
+fn corners(plane: u64) -> u64 {
+    let edges = plane | plane >> 1;
+    edges | edges >> 8
+}
+
+/// Eight samples, or as many as there are.
+#[inline(always)]
+fn eight<T: Sample>(samples: &[T], at: usize) -> [f64; 8] {
+    let s = &samples[at..];
+    if let Some(s) = s.first_chunk::<8>() {
+        return [
+            s[0].into(),
+            s[1].into(),
+            s[2].into(),
+            s[3].into(),
+            s[4].into(),
+            s[5].into(),
+            s[6].into(),
+            s[7].into(),
+        ];
+    }
+    let mut row = [0.0; 8];
+    for (to, &v) in row.iter_mut().zip(s) {
+        *to = v.into();
+    }
+    row
 }
 
 #[cfg(test)]
@@ -225,7 +313,11 @@ mod tests {
                         let on = active.words[w] >> bit(brick) & 1 == 1;
                         assert!(on || !want, "an active cell in a brick that is not");
                         if on {
-                            let mask = active.cells(w, bit(brick), brick, &s, dims, &bounds);
+                            let mask = active.cells(w, bit(brick), brick, Values::F32(&s), dims, &bounds);
+                            for level in Level::ALL {
+                                let again = active_cells_of(level, brick, Values::F32(&s), dims, &bounds);
+                                assert_eq!(again, mask, "{level}");
+                            }
                             assert_eq!(mask >> bit(cell) & 1 == 1, want, "{cell:?} of {dims:?}");
                             count += usize::from(want);
                         }

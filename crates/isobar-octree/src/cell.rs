@@ -5,7 +5,7 @@
 //! one, within the stretch; between equal signs, or at an end of the domain, a touching one that is not proved. A long stretch (s = c on an interval) is
 //! hit at its entry, a short one where |s - c| is least.
 
-use crate::bricks::Sample;
+use crate::bricks::values;
 use crate::cubic::{self, Event};
 use crate::walk::{Search, Walk, Work, three};
 use glam::DVec3;
@@ -137,23 +137,25 @@ impl Inside {
     }
 }
 
-impl<T: Sample> Search<'_, T> {
+impl Search<'_> {
     /// The samples at the corners of a cell, x fastest.
     #[inline(always)]
     pub(crate) fn corners(&self, cell: [i32; 3]) -> [f64; 8] {
         let (sy, sz) = (self.dims[0], self.dims[0] * self.dims[1]);
         let at = corner(self.dims, cell);
-        let s = &self.samples[at..at + sz + sy + 2];
-        [
-            s[0].into(),
-            s[1].into(),
-            s[sy].into(),
-            s[sy + 1].into(),
-            s[sz].into(),
-            s[sz + 1].into(),
-            s[sz + sy].into(),
-            s[sz + sy + 1].into(),
-        ]
+        values!(self.samples, s => {
+            let s = &s[at..at + sz + sy + 2];
+            [
+                s[0].into(),
+                s[1].into(),
+                s[sy].into(),
+                s[sy + 1].into(),
+                s[sz].into(),
+                s[sz + 1].into(),
+                s[sz + sy].into(),
+                s[sz + sy + 1].into(),
+            ]
+        })
     }
 
     /// Returns whether to go on.
@@ -312,7 +314,7 @@ fn bracket(p: [f64; 4], x: f64, bound: f64, [t0, t1]: [f64; 2]) -> f64 {
 
 /// Bernstein coefficients of s - c along the segment from local a to local b of a cell with these corner samples (x fastest).
 #[inline(always)]
-fn composed(v: &[f64; 8], c: f64, a: [f64; 3], b: [f64; 3]) -> [f64; 4] {
+pub(crate) fn composed(v: &[f64; 8], c: f64, a: [f64; 3], b: [f64; 3]) -> [f64; 4] {
     let mix = |p: f64, q: f64, x: f64| p + x * (q - p);
     let mut x = [0.0; 8];
     for k in 0..4 {

@@ -1,6 +1,6 @@
 //! `octree/cpu`: the casters of degrees 1, 2 and 3 as a method.
 
-use crate::bricks::{Active, Bricks};
+use crate::bricks::{Active, Bricks, Values};
 use crate::smooth::{self, Smooth};
 use crate::trilinear::{self, DrawTile, MARGIN};
 use crate::walk::{Bounds, Search, Space, Work};
@@ -47,8 +47,8 @@ pub struct OctreeCpu;
 /// The knob `reconstruction` chooses among [`Kind::ALL`]: trilinear, quadratic and cubic B-splines with the samples as coefficients, and the two that
 /// interpolate the samples. All hits in order; open cuts by clipping planes. Guarantee with `claims=on`: a pixel with EXISTS has a root within `t_error` of t, with FIRST none
 /// before it, with EMPTY none at all; the proofs are the bounds derived in `walk.rs` (degree 1) and `smooth/caster.rs` (degrees 2 and 3), about
-/// 1e-13 and 1e-11 of the range of the coefficients for ordinary views. Rays that this leaves open are decided in exact arithmetic (`exact.rs`), 16 of a tile at most. A pixel without
-/// claims was not decided: the ray touches the surface exactly. The counters tell the rays that went alone, those decided exactly, and those left open. Source: Steinberger 2010, sections 3.2 and 3.3; matrices: maths, corrections, section B.
+/// 1e-13 and 1e-11 of the range of the coefficients for ordinary views. Rays that this leaves open are decided in exact arithmetic (`exact.rs`), touching ones too. A pixel without
+/// claims was not decided: more of its tile was left open than a frame spends exact work on. The counters tell the rays that went alone, those decided exactly, and those left open. Source: Steinberger 2010, sections 3.2 and 3.3; matrices: maths, corrections, section B.
 pub static OCTREE_CPU: OctreeCpu = OctreeCpu;
 
 impl Method for OctreeCpu {
@@ -94,15 +94,14 @@ enum AnyBricks {
     F32(Bricks<f32>),
 }
 
-/// Runs `$body` with the typed samples and bricks.
+/// Runs `$body` with the typed bricks.
 macro_rules! typed {
-    ($volume:expr, $samples:ident, $bricks:ident => $body:expr) => {
-        match (&$volume.grid.samples, &$volume.bricks) {
-            (Samples::U8($samples), AnyBricks::U8($bricks)) => $body,
-            (Samples::I16($samples), AnyBricks::I16($bricks)) => $body,
-            (Samples::U16($samples), AnyBricks::U16($bricks)) => $body,
-            (Samples::F32($samples), AnyBricks::F32($bricks)) => $body,
-            _ => unreachable!("bricks are made from the samples beside them"),
+    ($bricks:expr, $b:ident => $body:expr) => {
+        match &$bricks {
+            AnyBricks::U8($b) => $body,
+            AnyBricks::I16($b) => $body,
+            AnyBricks::U16($b) => $body,
+            AnyBricks::F32($b) => $body,
         }
     };
 }
@@ -140,7 +139,7 @@ impl Linear {
             bricks,
             range: (0.0, 0.0),
         };
-        linear.range = typed!(linear, _samples, bricks => bricks.whole());
+        linear.range = typed!(linear.bricks, b => b.whole());
         Ok(linear)
     }
 }
@@ -193,7 +192,7 @@ impl Octree {
                 Volume::Linear(linear) => {
                     let bound = |&c: &f64| Bounds::new(c, MARGIN, linear.range);
                     let bounds: Vec<_> = surfaces.values().iter().map(bound).collect();
-                    let active = typed!(linear, _samples, bricks => Active::new(bricks, &bounds));
+                    let active = typed!(linear.bricks, b => Active::new(b, &bounds));
                     Prepared::Linear { bounds, active }
                 }
             });
@@ -248,9 +247,9 @@ impl Renderer for Octree {
         let total = SharedWork::default();
         let frame = self.frame.get_or_insert_with(Frame::default);
         let result = match (volume, prepared) {
-            (Volume::Linear(volume), Prepared::Linear { bounds, active }) => typed!(volume, samples, _bricks => {
+            (Volume::Linear(volume), Prepared::Linear { bounds, active }) => {
                 let search = Search {
-                    samples,
+                    samples: Values::of(&volume.grid.samples),
                     dims: volume.grid.dims,
                     active,
                     bounds,
@@ -258,10 +257,18 @@ impl Renderer for Octree {
                     claims: self.claims,
                 };
                 render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
-                    let tile = DrawTile { search, space: &volume.space, view, surfaces, tile, out };
+                    let space = &volume.space;
+                    let tile = DrawTile {
+                        search,
+                        space,
+                        view,
+                        surfaces,
+                        tile,
+                        out,
+                    };
                     total.linear(trilinear::draw(self.level, tile));
                 })
-            }),
+            }
             (Volume::Smooth(volume), Prepared::Smooth(prepared)) => {
                 let (level, claims) = (self.level, self.claims);
                 render_tiles(&self.pool, view, &self.request, stop, frame, |tile, out| {
@@ -305,7 +312,7 @@ impl Renderer for Octree {
     fn memory(&self) -> Memory {
         let (coefficients, bricks) = match &self.volume {
             None => (0, 0),
-            Some(Volume::Linear(v)) => (0, typed!(v, _samples, b => b.bytes())),
+            Some(Volume::Linear(v)) => (0, typed!(v.bricks, b => b.bytes())),
             Some(Volume::Smooth(v)) => v.bytes(),
         };
         let active = match &self.prepared {

@@ -21,11 +21,12 @@ const DEPTH: u32 = 40;
 /// The sign of a whole cubic, where all coefficients have it for certain.
 #[inline(always)]
 pub(crate) fn sign(b: [f64; 4], bound: f64) -> Option<bool> {
-    let least = b[0].min(b[1]).min(b[2].min(b[3]));
-    let greatest = b[0].max(b[1]).max(b[2].max(b[3]));
-    if least > bound {
+    // Not by the least and the greatest, which pass over what is not a number.
+    let above = (b[0] > bound) & (b[1] > bound) & (b[2] > bound) & (b[3] > bound);
+    let below = (b[0] < -bound) & (b[1] < -bound) & (b[2] < -bound) & (b[3] < -bound);
+    if above {
         Some(true)
-    } else if greatest < -bound {
+    } else if below {
         Some(false)
     } else {
         None
@@ -151,6 +152,20 @@ mod tests {
             a.len() == b.len() && a.iter().zip(b).all(|(x, y)| (x - y).abs() <= tolerance),
             "{a:?} instead of {b:?}"
         );
+    }
+
+    #[test]
+    fn what_is_not_a_number_has_no_sign() {
+        assert_eq!(sign([1.0, 2.0, 3.0, 4.0], 0.5), Some(true));
+        assert_eq!(sign([-1.0, -2.0, -3.0, -4.0], 0.5), Some(false));
+        assert_eq!(sign([1.0, 2.0, 3.0, 0.5], 0.5), None);
+        for i in 0..4 {
+            for v in [1.0, -1.0] {
+                let mut b = [v; 4];
+                b[i] = f64::NAN;
+                assert_eq!(sign(b, 0.5), None);
+            }
+        }
     }
 
     #[test]

@@ -3,23 +3,30 @@
 //! What is drawn is a function of the bits of the samples, of the isovalue, of the grid's placement and of the ray; all of them are dyadic numbers. With
 //! X = (A + B t) / W per axis, A, B and W dyadic, the ray passes plane k at t = (k W - A) / B, a ratio of dyadic numbers, and the polynomial in a cell between two such t, times the
 //! product of all denominators, has dyadic coefficients (`isobar_poly::exact`). So cells are crossed in their exact order, signs are those of whole numbers, and there is no bound on
-//! any error: a root on a face, an edge or an end of the domain is one, a near miss of 1e-30 is none. **Not decided**: whether the ray touches the surface at a parameter that is no
-//! dyadic part of the cell, to 2^-100 of it. Nothing of the walks in f64 is used, neither their lists of active cells nor their bounds; nor anything of isobar-oracle.
+//! any error: a root on a face, an edge or an end of the domain is one, a near miss of 1e-30 is none, a ray that touches the surface meets it. Nothing of the walks in f64 is used,
+//! neither their lists of active cells nor their bounds; nor anything of isobar-oracle.
 //!
-//! A ray takes far longer than in f64 (some tenths of a millisecond and more, estimated, not measured), so only those are sent here whose answer in f64 is not proved, and of a tile of a view only the first [`MOST`].
+//! Most cells in which coefficients on both sides of the isovalue meet are passed far from the surface. There the polynomial is composed in f64 first, between ends that were rounded from exact ones, so that its error is
+//! some units of the cell's own coefficients and knows of no distance to the eye; only where that leaves a sign open it is composed in whole numbers ([`Volume::sign`]).
+//!
+//! A ray takes far longer than in f64 (README, "Exact stage"), so only those are sent here whose answer in f64 is not proved, and for a view no more than [`WORK`] is spent.
 
 use crate::cell::Root;
 use crate::trilinear::hit;
 use crate::walk::{Bounds, Space, three};
 use glam::DVec3;
-use isobar_core::{Channels, Claim, ClipPlane, Domain, Hit, Ray};
+use isobar_core::{Camera, Channels, Claim, ClipPlane, Domain, Hit, Ray, View};
 use isobar_cpu::scene::Isovalues;
-use isobar_cpu::{PixelSink, TileOut};
+use isobar_cpu::{PixelSink, TILE, TileOut};
 use isobar_poly::exact::{Dyadic, ExactRoot, align, product, roots};
 use std::cmp::Ordering;
 
-/// Rays of a tile of a view that are decided exactly: a frame full of plateaus has to end too. Lists of rays have no such limit.
-pub(crate) const MOST: usize = 16;
+/// What is spent on exact rays of a frame of a view, in cells crossed (a quarter to half a microsecond each): one in which f64 tells nothing has to end too. Every tile has the same share, so that the frame does not
+/// depend on the order of tiles; the last ray of a tile may go beyond. Lists of rays have no such limit.
+pub(crate) const WORK: usize = if cfg!(test) { 1 << 20 } else { 1 << 25 };
+
+/// A composition in whole numbers counts as so many cells, by degree.
+const COMPOSITION: [usize; 4] = [0, 16, 64, 256];
 
 /// Width of brackets, in the part of the ray inside a cell.
 const WIDTH: f64 = 1e-15;
@@ -36,6 +43,23 @@ pub(crate) trait Volume {
     fn stencil(&self, cell: [i32; 3]) -> [f64; 64];
     /// Gradient per cell at a place in it.
     fn gradient(&self, cell: [i32; 3], at: [f64; 3], isovalue: f64) -> DVec3;
+    /// The sign of s - isovalue all along the segment between two places of a cell, each off by at most [`PLACE`] units roundoff per axis; 0 where it changes or rounding may hide it.
+    fn sign(&self, cell: [i32; 3], isovalue: f64, ends: [[f64; 3]; 2]) -> i32;
+}
+
+/// Error of a place in a cell, per axis, in units roundoff: a ratio of exact numbers that is rounded, at most 1.
+pub(crate) const PLACE: f64 = 4.0;
+
+/// The sign of all coefficients beyond `error`, or 0; also for what is not a number.
+#[inline]
+pub(crate) fn common_sign(q: &[f64], error: f64) -> i32 {
+    if q.iter().all(|&c| c > error) {
+        1
+    } else if q.iter().all(|&c| c < -error) {
+        -1
+    } else {
+        0
+    }
 }
 
 /// A parameter, n / m with m positive.
@@ -51,12 +75,12 @@ struct Time {
 impl Time {
     fn new(n: Dyadic, m: Dyadic) -> Self {
         let (n, m) = if m.sign() < 0 { (-n, -m) } else { (n, m) };
-        let near = n.to_f64() / m.to_f64();
+        let near = n.ratio(&m);
         Self {
             n,
             m,
             near,
-            // Two conversions and a division, and what is lost to subnormal numbers.
+            // That of the ratio, and what is lost to subnormal numbers.
             error: 2.0 * f64::EPSILON * near.abs() + f64::MIN_POSITIVE,
         }
     }
@@ -105,7 +129,7 @@ impl Axis {
             let s = self.at(t, k).sign();
             s < 0 || s == 0 && self.b.sign() < 0
         };
-        let near = self.at(t, 0).to_f64() / (&self.w * &t.m).to_f64();
+        let near = self.at(t, 0).ratio(&(&self.w * &t.m));
         let mut k = (near as i32).clamp(0, cells - 1);
         while k > 0 && below(k) {
             k -= 1;
@@ -222,8 +246,14 @@ impl Line {
         (first.near.is_finite() && last.near.is_finite()).then_some(Stay::Inside(Box::new(Self { axes, first, last })))
     }
 
-    /// Calls `push` with the roots in order until it returns false. Returns whether all of the ray that was walked is certain.
-    fn roots<V: Volume>(&self, volume: &V, bounds: &[Bounds], push: &mut dyn FnMut(&Root) -> bool) -> Option<bool> {
+    /// Calls `push` with the roots in order until it returns false, and counts the `work`. Returns whether all of the ray that was walked is certain.
+    fn roots(
+        &self,
+        volume: &dyn Volume,
+        bounds: &[Bounds],
+        work: &mut usize,
+        push: &mut dyn FnMut(&Root) -> bool,
+    ) -> Option<bool> {
         let cells = volume.cells();
         let mut cell = three(|a| self.axes[a].cell(&self.first, cells[a]));
         let step = three(|a| self.axes[a].b.sign());
@@ -239,10 +269,16 @@ impl Line {
             flat: vec![false; bounds.len()],
             found: Vec::new(),
             certain: true,
+            work,
         };
         let mut t = self.first.clone();
         loop {
-            let te = exits.iter().flatten().fold(self.last.clone(), |m, e| m.earlier(e.clone()));
+            *search.work += 1;
+            let te = exits
+                .iter()
+                .flatten()
+                .fold(&self.last, |m, e| if m.order(e).is_gt() { e } else { m });
+            let te = te.clone();
             let ends = te.order(&self.last).is_eq();
             if (ends || t.order(&te).is_lt()) && !search.cell(cell, &t, &te, ends, push) {
                 return Some(search.certain);
@@ -265,36 +301,49 @@ impl Line {
 }
 
 /// State of one ray on its way.
-struct Along<'a, V> {
+struct Along<'a> {
     line: &'a Line,
-    volume: &'a V,
+    volume: &'a dyn Volume,
     bounds: &'a [Bounds],
     /// Per isovalue: s = c all through the last cell.
     flat: Vec<bool>,
     found: Vec<Root>,
     certain: bool,
+    /// In cells crossed.
+    work: &'a mut usize,
 }
 
-impl<V: Volume> Along<'_, V> {
+impl Along<'_> {
     /// The roots in a cell, from t on and before te, or at it where the ray `ends`. Returns whether to go on.
     fn cell(&mut self, cell: [i32; 3], t: &Time, te: &Time, ends: bool, push: &mut dyn FnMut(&Root) -> bool) -> bool {
         let n = (self.volume.degree() + 1).pow(3);
         let d = self.volume.stencil(cell);
         let d = &d[..n];
         let (lo, hi) = d.iter().fold((d[0], d[0]), |(lo, hi), &v| (lo.min(v), hi.max(v)));
-        let mut weights = None;
+        let (mut weights, mut ends_of) = (None, None);
         for surface in 0..self.bounds.len() {
             let c = self.bounds[surface].isovalue;
             if lo > c || hi < c {
                 self.flat[surface] = false;
                 continue;
             }
+            let places = *ends_of.get_or_insert_with(|| [self.place(cell, t), self.place(cell, te)]);
+            if self.volume.sign(cell, c, places) != 0 {
+                self.flat[surface] = false;
+                continue;
+            }
+            // A plateau fills the cell.
+            if lo == hi {
+                self.tell(&[Dyadic::whole(0)], surface, (cell, places), [t, te], ends);
+                continue;
+            }
+            *self.work += COMPOSITION[self.volume.degree()];
             let weights = weights.get_or_insert_with(|| three(|a| self.weights(a, cell[a], t, te)));
             let Some(q) = composed(d, c, self.volume.degree(), weights) else {
                 self.certain = false;
                 continue;
             };
-            self.tell(&q, surface, cell, [t, te], ends);
+            self.tell(&q, surface, (cell, places), [t, te], ends);
         }
         self.found.sort_by(|p, q| p.t.total_cmp(&q.t));
         for mut root in std::mem::take(&mut self.found) {
@@ -306,6 +355,14 @@ impl<V: Volume> Along<'_, V> {
             }
         }
         true
+    }
+
+    /// Where the ray is in a cell.
+    fn place(&self, cell: [i32; 3], t: &Time) -> [f64; 3] {
+        three(|a| {
+            let axis = &self.line.axes[a];
+            axis.at(t, cell[a]).ratio(&(&axis.w * &t.m)).clamp(0.0, 1.0)
+        })
     }
 
     /// Weights of the coefficients along axis `a`, in scaled Bernstein form between two parameters, times one positive number.
@@ -339,8 +396,8 @@ impl<V: Volume> Along<'_, V> {
         vec![vvv, second, third, www]
     }
 
-    /// Keeps the roots of a polynomial between two parameters.
-    fn tell(&mut self, q: &[Dyadic], surface: usize, cell: [i32; 3], [t, te]: [&Time; 2], ends: bool) {
+    /// Keeps the roots of a polynomial between two parameters, at these places of a cell.
+    fn tell(&mut self, q: &[Dyadic], surface: usize, (cell, places): ([i32; 3], [[f64; 3]; 2]), [t, te]: [&Time; 2], ends: bool) {
         let was_flat = std::mem::replace(&mut self.flat[surface], false);
         let (t0, t1) = (t.near, te.near);
         let mut told = Vec::new();
@@ -362,19 +419,15 @@ impl<V: Volume> Along<'_, V> {
                 ExactRoot::Close(lo, hi) => (lo, hi, false),
             };
             let x = 0.5 * (lo + hi);
-            let at = three(|a| {
-                let axis = &self.line.axes[a];
-                let at = |t: &Time| axis.at(t, cell[a]).to_f64() / (&axis.w * &t.m).to_f64();
-                let (p, q) = (at(t), at(te));
-                (p + x * (q - p)).clamp(0.0, 1.0)
-            });
+            let [from, to] = places;
+            let at = three(|a| (from[a] + x * (to[a] - from[a])).clamp(0.0, 1.0));
             self.found.push(Root {
                 t: t0 + x * (t1 - t0),
                 surface,
                 gradient: self.volume.gradient(cell, at, self.bounds[surface].isovalue),
                 // The bracket and t itself are rounded, the two ends within four units each.
                 error: if sure {
-                    0.5 * (hi - lo) * (t1 - t0) + 16.0 * f64::EPSILON * t1.abs()
+                    0.5 * (hi - lo) * (t1 - t0) + 16.0 * f64::EPSILON * t1.abs() + f64::MIN_POSITIVE
                 } else {
                     f64::INFINITY
                 },
@@ -420,18 +473,18 @@ pub(crate) struct Exact<'a> {
 }
 
 impl Exact<'_> {
-    /// Draws a pixel anew: `stale` hits have been written to its layers. Gives the claim, or `None` where nothing was done.
+    /// Draws a pixel anew: `stale` hits have been written to its layers, and `cells` looked into. Takes from `left` what that costs. Gives the claim, or `None` where nothing was done.
     #[cold]
     #[inline(never)]
-    pub(crate) fn draw<V: Volume>(
+    pub(crate) fn draw(
         &self,
-        volume: &V,
+        volume: &dyn Volume,
         out: &mut TileOut<'_>,
-        [x, y]: [usize; 2],
-        ray: &Ray,
-        stale: u16,
-        work: u32,
+        ([x, y], ray): ([usize; 2], &Ray),
+        (stale, cells): (u16, u32),
+        left: &mut usize,
     ) -> Option<Claim> {
+        let mut work = 1;
         let stay = Line::of(ray, &self.space.domain, volume.shift(), self.clips)?;
         for layer in 0..usize::from(stale).min(out.layers()) {
             out.set_hit(layer, x, y, &Hit::NONE);
@@ -441,7 +494,7 @@ impl Exact<'_> {
         let certain = match &stay {
             Stay::Nowhere => true,
             Stay::Inside(line) => line
-                .roots(volume, self.bounds, &mut |root| {
+                .roots(volume, self.bounds, &mut work, &mut |root| {
                     if sink.hits() == 0 && root.error.is_finite() {
                         claim = Claim::EXISTS;
                         claim.set(Claim::FIRST, root.first);
@@ -453,7 +506,8 @@ impl Exact<'_> {
         if sink.hits() == 0 && certain {
             claim = Claim::EMPTY;
         }
-        sink.finish(claim, work);
+        sink.finish(claim, cells);
+        *left = left.saturating_sub(work);
         Some(claim)
     }
 
@@ -462,12 +516,12 @@ impl Exact<'_> {
         claim.contains(Claim::EXISTS | Claim::FIRST) || claim.contains(Claim::EMPTY)
     }
 
-    /// How many rays of the tile may be decided exactly, for a frame that wants claims.
-    pub(crate) fn allowed(&self, claims: bool, list: bool, out: &TileOut<'_>) -> usize {
-        match (claims && out.holds(Channels::CLAIM), list) {
+    /// What may be spent on exact rays of the tile, in cells crossed, for a frame that wants claims.
+    pub(crate) fn allowed(claims: bool, view: &View, out: &TileOut<'_>) -> usize {
+        match (claims && out.holds(Channels::CLAIM), &view.camera) {
             (false, _) => 0,
-            (true, true) => usize::MAX,
-            (true, false) => MOST,
+            (true, Camera::Rays(_)) => usize::MAX,
+            (true, _) => (WORK / (view.width.div_ceil(TILE) * view.height.div_ceil(TILE)).max(1)).max(1),
         }
     }
 }

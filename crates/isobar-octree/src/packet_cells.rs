@@ -1,6 +1,6 @@
 //! The active cells of a trilinear volume for one tile, and the roots in them.
 
-use crate::bricks::{Sample, bit};
+use crate::bricks::{bit, values};
 use crate::cell::corner;
 use crate::cubic::{self, Event};
 use crate::packet::{Drawn, Looked, Packet, Value, reference, values};
@@ -9,21 +9,21 @@ use isobar_cpu::packet::{Cells, Group, LANES, Lanes, One, Place, Rays, Solved, c
 use isobar_cpu::scene::Isovalues;
 
 /// One tile of a trilinear volume.
-pub(crate) struct LinearTile<'a, T> {
-    pub(crate) search: Search<'a, T>,
+pub(crate) struct LinearTile<'a> {
+    pub(crate) search: Search<'a>,
     pub(crate) place: Place<'a, Space>,
     pub(crate) surfaces: &'a Isovalues,
 }
 
-impl<T: Sample> LinearTile<'_, T> {
+impl LinearTile<'_> {
     fn values(&self, p: &Packet) -> Vec<Value> {
         values(self.search.bounds, 1.0, |size| p.rays.margin * size)
     }
 }
 
-impl<T: Sample> Drawn for LinearTile<'_, T> {
+impl Drawn for LinearTile<'_> {
     type Cells<'c>
-        = LinearCells<'c, T>
+        = LinearCells<'c>
     where
         Self: 'c;
 
@@ -41,7 +41,7 @@ impl<T: Sample> Drawn for LinearTile<'_, T> {
     }
 
     #[inline(always)]
-    fn cells<'c>(&'c self, p: &'c mut Packet, count: bool) -> LinearCells<'c, T> {
+    fn cells<'c>(&'c self, p: &'c mut Packet, count: bool) -> LinearCells<'c> {
         let dims = self.search.dims;
         let (sy, sz) = (dims[0], dims[0] * dims[1]);
         let far = three(|a| usize::from(p.rays.down[a]));
@@ -107,7 +107,7 @@ impl<T: Sample> Drawn for LinearTile<'_, T> {
     }
 }
 
-impl<T: Sample> LinearTile<'_, T> {
+impl LinearTile<'_> {
     /// t and error of eight roots, as [`cubic_roots`].
     #[inline(always)]
     fn solved<S: Lanes>(&self, group: &Group<S, { crate::packet::COEFFICIENTS }>, values: &[Value]) -> [S; 2] {
@@ -132,15 +132,17 @@ impl<T: Sample> LinearTile<'_, T> {
         }
         // Samples counted from the near corner, 4z + 2y + x.
         let mut v = [[0.0; LANES]; 8];
-        for l in ones(group.held.into()) {
-            let cell = three(|a| near[a][l] as usize - down[a]);
-            let base = cell[2] * sz + cell[1] * sy + cell[0];
-            let s = &self.search.samples[base..base + sz + sy + 2];
-            for (n, v) in v.iter_mut().enumerate() {
-                let at = (n & 1 ^ down[0]) + (n >> 1 & 1 ^ down[1]) * sy + (n >> 2 ^ down[2]) * sz;
-                v[l] = s[at].into();
+        values!(self.search.samples, samples => {
+            for l in ones(group.held.into()) {
+                let cell = three(|a| near[a][l] as usize - down[a]);
+                let base = cell[2] * sz + cell[1] * sy + cell[0];
+                let s = &samples[base..base + sz + sy + 2];
+                for (n, v) in v.iter_mut().enumerate() {
+                    let at = (n & 1 ^ down[0]) + (n >> 1 & 1 ^ down[1]) * sy + (n >> 2 ^ down[2]) * sz;
+                    v[l] = s[at].into();
+                }
             }
-        }
+        });
         let rays = S::index(u64::from_le_bytes(group.ray));
         let [x, y, z] = [
             local(p, 0, group.near[0], rays, t),
@@ -186,8 +188,8 @@ fn local<S: Lanes>(p: &Rays, a: usize, near: S, rays: S::Index, t: S) -> S {
 }
 
 /// The cells of a trilinear volume, for one tile.
-pub(crate) struct LinearCells<'c, T> {
-    search: &'c Search<'c, T>,
+pub(crate) struct LinearCells<'c> {
+    search: &'c Search<'c>,
     p: &'c mut Packet,
     /// Sample 4z + 2y + x of a cell counted from its near corner, as an offset from its first sample.
     offsets: [usize; 8],
@@ -197,13 +199,13 @@ pub(crate) struct LinearCells<'c, T> {
     looked: u64,
 }
 
-impl<T: Sample> Looked for LinearCells<'_, T> {
+impl Looked for LinearCells<'_> {
     fn looked(&self) -> u64 {
         self.looked
     }
 }
 
-impl<T: Sample> Cells for LinearCells<'_, T> {
+impl Cells for LinearCells<'_> {
     #[inline(always)]
     fn rays(&mut self) -> &mut Rays {
         &mut self.p.rays
@@ -233,12 +235,22 @@ impl<T: Sample> Cells for LinearCells<'_, T> {
         let dims = self.search.dims;
         let sz = dims[0] * dims[1];
         let base = corner(dims, cell);
-        let s = &self.search.samples[base..base + sz + dims[0] + 2];
-        let v = |n: usize| -> f64 {
-            let x: f64 = s[self.offsets[n]].into();
-            x - self.isovalue
-        };
-        let v = [v(0), v(1), v(2), v(3), v(4), v(5), v(6), v(7)];
+        let at = &self.offsets;
+        let v: [f64; 8] = values!(self.search.samples, s => {
+            let s = &s[base..base + sz + dims[0] + 2];
+            [
+                s[at[0]].into(),
+                s[at[1]].into(),
+                s[at[2]].into(),
+                s[at[3]].into(),
+                s[at[4]].into(),
+                s[at[5]].into(),
+                s[at[6]].into(),
+                s[at[7]].into(),
+            ]
+        });
+        let c = self.isovalue;
+        let v = [v[0] - c, v[1] - c, v[2] - c, v[3] - c, v[4] - c, v[5] - c, v[6] - c, v[7] - c];
         let p = &mut *self.p;
         let near = three(|a| f64::from(cell[a] + i32::from(p.rays.down[a])));
         let far = three(|a| f64::from(cell[a] + i32::from(!p.rays.down[a])));

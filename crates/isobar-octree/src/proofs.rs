@@ -63,6 +63,44 @@ fn a_face_that_rounding_puts_before_the_ray() {
     );
 }
 
+/// Rays that meet an edge of the domain almost within one of its two faces: the other face decides where they enter, and rounding decides which. The stretch in question is
+/// up to some voxels long, and noise has roots in it.
+#[test]
+fn edges_of_the_domain() {
+    let mut seed = 99u64;
+    let mut unit = || {
+        seed = seed
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let n = 6;
+    let values: Vec<f32> = (0..n * n * n).map(|_| unit() as f32).collect();
+    let data = grid(n, DVec3::splat(0.3), DMat3::IDENTITY, |[x, y, z]| values[(z * n + y) * n + x]);
+    let most = (n - 1) as f64 * 0.3;
+    let mut rays = Vec::new();
+    for i in 0..600 {
+        let axes = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 0, 2], [2, 1, 0], [0, 2, 1]][i % 6];
+        let far = 10f64.powf(3.0 * unit());
+        // Along the first axis, next to a face of the second one.
+        let slope = 10f64.powf(-16.0 + 3.0 * unit()) * far * if unit() < 0.5 { -1.0 } else { 1.0 };
+        let (mut p, mut d) = ([0.0; 3], [0.0; 3]);
+        p[axes[0]] = if unit() < 0.5 { 0.0 } else { most };
+        p[axes[1]] = if unit() < 0.5 { 0.0 } else { most };
+        p[axes[2]] = most * unit();
+        d[axes[0]] = if unit() < 0.5 { -1.0 } else { 1.0 };
+        d[axes[1]] = slope;
+        d[axes[2]] = unit() - 0.5;
+        // Past the edge by some of what rounding makes of the position.
+        p[axes[1]] += (unit() - 0.5) * 4e-16 * far;
+        let origin = std::array::from_fn(|a| p[a] - far * d[a]);
+        rays.push(ray(origin, d));
+    }
+    for isovalue in [0.3, 0.5, 0.7] {
+        hold("edges", &data, isovalue, &rays);
+    }
+}
+
 #[test]
 fn a_plane_behind_the_ray() {
     let data = grid(50, DVec3::ONE, DMat3::IDENTITY, |[x, y, z]| {
@@ -82,6 +120,28 @@ fn directions_next_to_parallel_and_eyes_at_the_end_of_numbers() {
         ray([1e18, 1e18, 1e18], [-1.0, -1.0, -1.0]),
     ];
     hold("parallel", &data, 9.5, &rays);
+}
+
+/// Directions so short that parameters of planes overflow, or almost; t itself is still a number.
+#[test]
+fn directions_of_next_to_nothing() {
+    let data = grid(9, DVec3::ONE, DMat3::IDENTITY, |[x, y, z]| (x + y + z) as f32);
+    let mut rays = Vec::new();
+    for size in [1e-306, 3e-307, 5e-309, 1e-310, 1e-323] {
+        for (p, d) in [
+            ([-1.0, 3.3, 3.4], [1.0, 0.0, 0.0]),
+            ([3.0, 3.3, 3.4], [1.0, 0.0, 0.0]),
+            ([1000.0, 1000.0, 1000.0], [-1.0, -1.0, -1.0]),
+            ([-1000.0, 2.0, 3.0], [1.0, 0.0, 0.0]),
+            ([2.0, 3.0, 1.0], [0.0, -1.0, 1.0]),
+            ([-1.0, 20.0, 1.0], [1.0, 0.0, 0.0]),
+        ] {
+            rays.push(ray(p, d.map(|d: f64| d * size)));
+        }
+    }
+    for isovalue in [9.5, 20.25] {
+        hold("short", &data, isovalue, &rays);
+    }
 }
 
 #[test]

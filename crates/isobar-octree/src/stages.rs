@@ -5,14 +5,14 @@
 //! the way is walked once more with the ends of the rays known, so that no cell is looked into, which is the traversal; the rest of the way is loading, composing and looking for
 //! signs. The roots are solved once more by themselves; the rest of the hits is normals, shading and storing. What is done again finds its data in the cache.
 
-use crate::bricks::{Active, Bricks};
+use crate::bricks::{Active, Bricks, Values};
 use crate::cpu::INFO;
 use crate::packet::{self, Drawn, Packet, with_packet};
 use crate::smooth::{self, Smooth};
 use crate::trilinear::{DrawTile, MARGIN, SingleRays};
 use crate::walk::{Bounds, Search, Space, Work};
 use isobar_core::{Channels, DataError, Frame, Grid, RenderError, Request, Samples, Stage, Stop, Surface, View};
-use isobar_cpu::packet::{Cells, Crossing, Lanes, Projection, RaySet, Rays, Wanted, WithLanes, run as lanes};
+use isobar_cpu::packet::{Cells, Crossing, Lanes, Plain, Projection, RaySet, Rays, Wanted, WithLanes, run as lanes};
 use isobar_cpu::scene::{Isovalues, check_open_cuts};
 use isobar_cpu::{Level, Pool, TileOut, render_tiles};
 use isobar_fields::{GridSpline, Kind};
@@ -128,7 +128,7 @@ pub fn stages(grid: &Grid, kind: Kind, isovalue: f64, view: &View, repeats: usiz
     let bounds = [Bounds::new(isovalue, MARGIN, bricks.whole())];
     let active = job.pool.install(|| Active::new(&bricks, &bounds));
     let search = Search {
-        samples,
+        samples: Values::F32(samples),
         dims: grid.dims,
         active: &active,
         bounds: &bounds,
@@ -189,7 +189,7 @@ impl Job<'_> {
 }
 
 /// A tile of degree 1, as `trilinear::draw` draws it.
-fn linear(level: Level, tile: DrawTile<'_, '_, f32>) -> Laps {
+fn linear(level: Level, tile: DrawTile<'_, '_>) -> Laps {
     let mut laps = Laps::default();
     let clock = Instant::now();
     let mut rays = None;
@@ -218,7 +218,12 @@ pub(crate) fn clocked<W: Drawn>(level: Level, what: &W, view: &Projection, out: 
             out,
             laps,
         };
-        lanes(level, run)
+        // Clocks mean nothing in builds for tests: the plain lanes, which give the same bits, are all that is compiled there.
+        if cfg!(debug_assertions) {
+            run.run::<Plain>()
+        } else {
+            lanes(level, run)
+        }
     })
 }
 
@@ -247,81 +252,67 @@ impl<W: Drawn> WithLanes for Run<'_, '_, W> {
         let wanted = Wanted::new(out, surfaces);
         let clock = Instant::now();
         let misses = place.misses(view);
-        let together = if misses {
-            p.forget();
-            true
-        } else {
-            p.make::<S, _>(place, wanted, false)
-        };
         laps.setup += clock.elapsed();
-        if !together {
-            return place.rays();
-        }
         let mut log = Log::default();
-        let mut way = Duration::ZERO;
+        let mut ways = [Duration::ZERO; 3];
         let mut solved = Duration::ZERO;
         let mut finish = Duration::ZERO;
-        loop {
+        let mut left = None;
+        // Once to draw; once more, to know which look into a cell ended which ray; and once with nothing but that. One loop, so that all is compiled once.
+        for (mode, way) in [Mode::Run, Mode::Record, Mode::Replay].into_iter().zip(&mut ways) {
+            let mut setup = Duration::ZERO;
             let clock = Instant::now();
-            let frustum = p.next_group::<S, _>(place);
-            laps.setup += clock.elapsed();
-            let Some(frustum) = frustum else { break };
-            if p.rays.blocks == 0 {
-                continue;
-            }
-            let crossing = Crossing::new(&p.rays, place, view);
-            let clock = Instant::now();
-            let mut cells = Marked {
-                cells: what.cells(p, false),
-                mode: Mode::Run,
-                log: &mut log,
-            };
-            black_box(crossing.cross::<S, _>(&mut cells, &frustum));
-            way += clock.elapsed();
-            drop(cells);
-            let clock = Instant::now();
-            what.roots::<S>(p);
-            solved += clock.elapsed();
-            let clock = Instant::now();
-            what.solve::<S>(p);
-            finish += clock.elapsed();
-        }
-        let clock = Instant::now();
-        p.write(place, surfaces, out, what.claims(), false);
-        finish += clock.elapsed();
-        let left = p.rays.single;
-        if misses {
-            laps.finish += finish;
-            return left;
-        }
-        // Once more, to know which look into a cell ended which ray; and once with nothing but that.
-        let mut traversed = Duration::ZERO;
-        for mode in [Mode::Record, Mode::Replay] {
-            if !p.make::<S, _>(place, wanted, false) {
+            if misses {
+                p.forget();
+            } else if !p.make::<S, _>(place, wanted, false) {
                 break;
             }
+            setup += clock.elapsed();
             (log.looks, log.next) = (0, 0);
-            traversed = Duration::ZERO;
-            while let Some(frustum) = p.next_group::<S, _>(place) {
+            loop {
+                let clock = Instant::now();
+                let frustum = p.next_group::<S, _>(place);
+                setup += clock.elapsed();
+                let Some(frustum) = frustum else { break };
                 if p.rays.blocks == 0 {
                     continue;
                 }
                 let crossing = Crossing::new(&p.rays, place, view);
+                let clock = Instant::now();
                 let mut cells = Marked {
                     cells: what.cells(p, false),
                     mode,
                     log: &mut log,
                 };
-                let clock = Instant::now();
                 black_box(crossing.cross::<S, _>(&mut cells, &frustum));
-                traversed += clock.elapsed();
+                *way += clock.elapsed();
+                drop(cells);
+                if mode == Mode::Run {
+                    let clock = Instant::now();
+                    what.roots::<S>(p);
+                    solved += clock.elapsed();
+                    let clock = Instant::now();
+                    what.solve::<S>(p);
+                    finish += clock.elapsed();
+                }
+            }
+            if mode == Mode::Run {
+                laps.setup += setup;
+                let clock = Instant::now();
+                p.write(place, surfaces, out, what.claims(), false);
+                finish += clock.elapsed();
+                left = Some(p.rays.single);
+                if misses {
+                    break;
+                }
             }
         }
+        let [way, _, traversed] = ways;
         laps.traverse += traversed;
         laps.compose += way.saturating_sub(traversed);
         laps.solve += solved;
         laps.finish += finish.saturating_sub(solved);
-        left
+        left.unwrap_or_else(|| place.rays())
     }
 }
 

@@ -1,13 +1,12 @@
 //! The trilinear caster: the rays of one tile, their hits, and what is claimed about them.
 
-use crate::bricks::Sample;
-use crate::cell::{Root, Scratch, gradient};
-use crate::exact::{Exact, Volume};
+use crate::cell::{Root, Scratch, composed, gradient};
+use crate::exact::{Exact, PLACE, Volume, common_sign};
 use crate::packet::{self, applies};
 use crate::packet_cells::LinearTile;
 use crate::walk::{Entry, Search, Space, Walk, Work, three};
 use glam::DVec3;
-use isobar_core::{Camera, Claim, Hit, Ray, View};
+use isobar_core::{Claim, Hit, Ray, View};
 use isobar_cpu::packet::{Projection, RaySet, holds};
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
@@ -17,8 +16,8 @@ use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
 pub(crate) const MARGIN: f64 = 1e-6;
 
 /// Draws one tile; gives the work done.
-pub(crate) struct DrawTile<'a, 'b, T> {
-    pub(crate) search: Search<'a, T>,
+pub(crate) struct DrawTile<'a, 'b> {
+    pub(crate) search: Search<'a>,
     pub(crate) space: &'a Space,
     pub(crate) view: &'a View,
     pub(crate) surfaces: &'a Isovalues,
@@ -27,7 +26,7 @@ pub(crate) struct DrawTile<'a, 'b, T> {
 }
 
 /// Draws one tile with at most the instructions of `level`; gives the work done.
-pub(crate) fn draw<T: Sample>(level: Level, tile: DrawTile<'_, '_, T>) -> Work {
+pub(crate) fn draw(level: Level, tile: DrawTile<'_, '_>) -> Work {
     let mut work = Work::default();
     let mut rays = None;
     if applies(tile.tile, tile.surfaces)
@@ -56,9 +55,9 @@ pub(crate) fn draw<T: Sample>(level: Level, tile: DrawTile<'_, '_, T>) -> Work {
     }
 }
 
-impl<'a, T: Sample> DrawTile<'a, '_, T> {
+impl<'a> DrawTile<'a, '_> {
     /// As packets have it.
-    pub(crate) fn together(&self) -> LinearTile<'a, T> {
+    pub(crate) fn together(&self) -> LinearTile<'a> {
         LinearTile {
             search: self.search,
             place: packet::place(self.space, self.view, self.tile, 0.0, 1.0),
@@ -67,7 +66,7 @@ impl<'a, T: Sample> DrawTile<'a, '_, T> {
     }
 }
 
-impl<T: Sample> Volume for Search<'_, T> {
+impl Volume for Search<'_> {
     fn degree(&self) -> usize {
         1
     }
@@ -89,16 +88,24 @@ impl<T: Sample> Volume for Search<'_, T> {
     fn gradient(&self, cell: [i32; 3], at: [f64; 3], _: f64) -> DVec3 {
         gradient(&self.corners(cell), at)
     }
+
+    /// Positions move a coefficient by at most 3 * 2 [`PLACE`] uM and its composition loses 16uM (`walk.rs`), M the greatest |sample - c| of the cell.
+    fn sign(&self, cell: [i32; 3], isovalue: f64, [a, b]: [[f64; 3]; 2]) -> i32 {
+        let v = self.corners(cell);
+        let most = v.iter().fold(0.0f64, |m, v| m.max((v - isovalue).abs()));
+        let error = (6.0 * PLACE + 32.0) * 0.5 * f64::EPSILON * most + f64::MIN_POSITIVE;
+        common_sign(&composed(&v, isovalue, a, b), error)
+    }
 }
 
 /// Draws a tile ray by ray.
-pub(crate) struct SingleRays<'a, 'b, T> {
-    pub(crate) tile: DrawTile<'a, 'b, T>,
+pub(crate) struct SingleRays<'a, 'b> {
+    pub(crate) tile: DrawTile<'a, 'b>,
     /// Only these.
     pub(crate) rays: Option<RaySet>,
 }
 
-impl<T: Sample> Kernel for SingleRays<'_, '_, T> {
+impl Kernel for SingleRays<'_, '_> {
     type Output = Work;
 
     #[inline(always)]
@@ -127,7 +134,7 @@ impl<T: Sample> Kernel for SingleRays<'_, '_, T> {
             bounds: search.bounds,
             surfaces,
         };
-        let allowed = exact.allowed(search.claims, matches!(view.camera, Camera::Rays(_)), out);
+        let mut left = Exact::allowed(search.claims, view, out);
         for (x, y) in tile.pixels() {
             if self.rays.is_some_and(|set| !holds(&set, x - tile.x, y - tile.y)) {
                 continue;
@@ -168,9 +175,9 @@ impl<T: Sample> Kernel for SingleRays<'_, '_, T> {
             }
             let (hits, cells) = (sink.hits(), (work.cells - before) as u32);
             sink.finish(claim, cells);
-            if near && !Exact::is_decided(claim) && (work.exact[0] as usize) < allowed {
+            if near && !Exact::is_decided(claim) && left > 0 {
                 work.exact[0] += 1;
-                let anew = exact.draw(&search, out, [x, y], &ray, hits, cells);
+                let anew = exact.draw(&search, out, ([x, y], &ray), (hits, cells), &mut left);
                 work.exact[1] += u64::from(!anew.is_some_and(Exact::is_decided));
             }
         }

@@ -17,10 +17,10 @@
 //! **(6E + 64u) M**; it is used for all coefficients of the ray, and the test whether a cell or brick can meet c is widened by it. Then:
 //! a stretch of the ray that lies within E of a face and was attributed to the wrong one of two cells is covered too, because both interpolants agree on the face and leave it by at most 2ME.
 
-use crate::bricks::{Active, SIDE, Sample, bit};
+use crate::bricks::{Active, SIDE, Values, bit};
 use crate::cell::{Root, Scratch, Way};
 use isobar_cpu::index::{self, IndexSpace, Line, Rounding};
-pub(crate) use isobar_cpu::index::{Bounds, cleaned, side};
+pub(crate) use isobar_cpu::index::{Bounds, cleaned, overflows, side};
 pub(crate) use isobar_cpu::packet::three;
 
 /// The bound above.
@@ -79,8 +79,8 @@ pub(crate) struct Work {
 
 /// A volume with the surfaces sought in it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Search<'a, T> {
-    pub(crate) samples: &'a [T],
+pub(crate) struct Search<'a> {
+    pub(crate) samples: Values<'a>,
     pub(crate) dims: [usize; 3],
     pub(crate) active: &'a Active,
     pub(crate) bounds: &'a [Bounds],
@@ -90,7 +90,7 @@ pub(crate) struct Search<'a, T> {
     pub(crate) claims: bool,
 }
 
-impl<T: Sample> Search<'_, T> {
+impl Search<'_> {
     /// Calls `push` with the roots in order until it returns false. Returns whether all of the ray that was walked is certain.
     #[inline(always)]
     pub(crate) fn roots(&self, walk: Walk, scratch: &mut Scratch, work: &mut Work, push: impl FnMut(&Root) -> bool) -> bool {

@@ -115,6 +115,8 @@ macro_rules! counted {
     ($($trait:ident $method:ident $multiplications:literal $additions:literal;)*) => {
         $(impl<T: Scalar> $trait for Counted<T> {
             type Output = Self;
+            // Inlined a thousand times it would take seconds to compile.
+            #[inline(never)]
             fn $method(self, o: Self) -> Self {
                 done($multiplications, $additions);
                 Self(self.0.$method(o.0))

@@ -322,8 +322,8 @@ fn extremes<I: Isa>(lo: &[[f32; 16]], hi: &[[f32; 16]], least: &mut [f32; 16], g
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bricks::Values;
     use crate::smooth::basis::{Cubic, Quadratic};
-    use crate::smooth::lattice::Values;
     use crate::smooth::vector::Portable;
     use isobar_core::{Function, Grid, Samples, Stage};
     use isobar_cpu::Level;

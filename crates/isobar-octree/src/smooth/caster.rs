@@ -13,13 +13,13 @@ use super::basis::{LANES, Spline, Table, gradient, growth};
 use super::bricks::{Active, active_cells};
 use super::lattice::{Entry, Lattice, Path, Space, three};
 use super::roots::{Candidate, Segment, Track};
-use super::vector::{Isa, Register};
+use super::vector::{Isa, Portable, Register};
 use crate::bricks::bit;
-use crate::exact::{Exact, Volume};
+use crate::exact::{Exact, PLACE, Volume, common_sign};
 use crate::trilinear::MARGIN;
 use crate::walk::Bounds;
 use glam::DVec3;
-use isobar_core::{Camera, Claim, Hit, View};
+use isobar_core::{Claim, Hit, View};
 use isobar_cpu::packet::{RaySet, holds};
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
@@ -126,7 +126,7 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             bounds: search.bounds,
             surfaces,
         };
-        let allowed = exact.allowed(search.claims, matches!(view.camera, Camera::Rays(_)), out);
+        let mut left = Exact::allowed(search.claims, view, out);
         let volume = Exactly::<S>(search, PhantomData);
         let mut eye = rays.ray(tile.x, tile.y).origin;
         let mut margin = search.space.margin(eye);
@@ -189,9 +189,9 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             }
             let (hits, cells) = (sink.hits(), (work.cells - before) as u32);
             sink.finish(claim, cells);
-            if margin <= MARGIN && !Exact::is_decided(claim) && (work.exact[0] as usize) < allowed {
+            if margin <= MARGIN && !Exact::is_decided(claim) && left > 0 {
                 work.exact[0] += 1;
-                let anew = exact.draw(&volume, out, [x, y], &ray, hits, cells);
+                let anew = exact.draw(&volume, out, ([x, y], &ray), (hits, cells), &mut left);
                 work.exact[1] += u64::from(!anew.is_some_and(Exact::is_decided));
             }
         }
@@ -221,6 +221,16 @@ impl<S: Spline> Volume for Exactly<'_, S> {
 
     fn gradient(&self, cell: [i32; 3], at: [f64; 3], isovalue: f64) -> DVec3 {
         DVec3::from_array(gradient::<S>(&self.0.lattice.doubles::<S>(cell, isovalue), at))
+    }
+
+    /// Positions move a coefficient by at most 12 [`PLACE`] uM, as 12E above; the rest is `basis.rs`, with M the greatest |coefficient - c| of the stencil.
+    fn sign(&self, cell: [i32; 3], isovalue: f64, [a, b]: [[f64; 3]; 2]) -> i32 {
+        let d = self.0.lattice.doubles::<S>(cell, isovalue);
+        let most = d.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let error = S::SCALE * (12.0 * PLACE + growth::<S>()) * 0.5 * f64::EPSILON * most;
+        let mut q = [0.0; LANES];
+        self.0.double.compose::<S, S::Double<Portable>>(&d, a, b).store(&mut q);
+        common_sign(&q[..S::PLACES], error + 1e6 * f64::MIN_POSITIVE)
     }
 }
 

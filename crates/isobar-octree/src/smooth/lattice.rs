@@ -1,7 +1,8 @@
 //! Coefficients with their border, and the ray in the shifted index space of their cells.
 
 use super::basis::Spline;
-use crate::walk::{cleaned, ends, side};
+use crate::bricks::{Values, values};
+use crate::walk::{cleaned, ends, overflows, side};
 use glam::DVec3;
 use isobar_core::{ClipPlane, Domain, Ray};
 use isobar_cpu::clip::kept;
@@ -29,27 +30,6 @@ macro_rules! integer {
     )*};
 }
 integer!(u8 i16 u16);
-
-/// The coefficients of a spline: the samples themselves, or prefiltered ones.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Values<'a> {
-    U8(&'a [u8]),
-    I16(&'a [i16]),
-    U16(&'a [u16]),
-    F32(&'a [f32]),
-}
-
-/// Runs `$body` with the typed coefficients. One branch per cell costs nothing; one caster per type would quadruple the program.
-macro_rules! values {
-    ($values:expr, $c:ident => $body:expr) => {
-        match $values {
-            Values::U8($c) => $body,
-            Values::I16($c) => $body,
-            Values::U16($c) => $body,
-            Values::F32($c) => $body,
-        }
-    };
-}
 
 /// Coefficients, x fastest, with what stands for those outside.
 #[derive(Debug, Clone, Copy)]
@@ -260,6 +240,9 @@ impl Path {
         let d = cleaned(space.index_vector(ray.direction).to_array());
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
         let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
+        if overflows(d, inv, shift) {
+            return Entry::Misses { certain: false };
+        }
         // The stretch inside the domain grown by e on every side.
         let inside = |e: f64| {
             let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
@@ -297,7 +280,8 @@ impl Path {
             });
         }
         let (a, b) = inside(margin);
-        Entry::Misses { certain: a > b }
+        let certain = a > b && a.is_finite() && b.is_finite();
+        Entry::Misses { certain }
     }
 
     /// Parameter of a plane between cells: the same expression for cells, bricks and nodes, so that no ray slips between two of them.

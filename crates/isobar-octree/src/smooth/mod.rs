@@ -15,7 +15,7 @@ mod roots;
 mod tests;
 mod vector;
 
-use crate::bricks::bit;
+use crate::bricks::{Values, bit};
 use crate::stages::{self, Laps};
 use crate::trilinear::MARGIN;
 use crate::walk::Bounds;
@@ -28,7 +28,7 @@ use isobar_cpu::packet::RaySet;
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Level, Tile, TileOut};
 use isobar_fields::{Coefficients, GridSpline, Kind};
-use lattice::{Coefficient, Lattice, Space, Values};
+use lattice::{Coefficient, Lattice, Space};
 use std::marker::PhantomData;
 use std::sync::Arc;
 use std::time::Instant;
@@ -187,10 +187,7 @@ impl Smooth {
     /// What all tiles look at.
     fn search<'a>(&'a self, prepared: &'a Prepared, level: Level, claims: bool) -> Search<'a> {
         let values = match self.spline.coefficients() {
-            Coefficients::Samples(Samples::U8(c)) => Values::U8(c),
-            Coefficients::Samples(Samples::I16(c)) => Values::I16(c),
-            Coefficients::Samples(Samples::U16(c)) => Values::U16(c),
-            Coefficients::Samples(Samples::F32(c)) => Values::F32(c),
+            Coefficients::Samples(c) => Values::of(c),
             Coefficients::F32(c) => Values::F32(c),
             Coefficients::F64(_) => unreachable!("the coefficients of Stage::Stored are f32"),
         };

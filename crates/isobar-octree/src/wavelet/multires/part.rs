@@ -1,6 +1,6 @@
 //! The bricks of one level, as a lattice that the casters draw.
 
-use crate::bricks::{Active, Bricks, bit};
+use crate::bricks::{Active, Bricks, Values, bit};
 
 use crate::smooth::{self, Smooth};
 use crate::trilinear::{self, DrawTile, MARGIN};
@@ -202,7 +202,7 @@ impl Part {
         match (&self.caster, &prepared.caster, &self.grid.samples) {
             (Caster::Linear { space, .. }, PreparedCaster::Linear { bounds, active }, Samples::F32(samples)) => {
                 let search = Search {
-                    samples,
+                    samples: Values::F32(samples),
                     dims: self.grid.dims,
                     active,
                     bounds,
