@@ -344,9 +344,10 @@ impl<const HALVES: bool> Line<HALVES> {
         let d = cleaned(space.index_vector(ray.direction).to_array());
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
         let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
-        // So short a direction that a plane's parameter overflows, or nothing is left of it: no t is known.
+        // So short a direction that a plane's parameter overflows, or nothing is left of it, or so long that it does itself: no t is known.
         let far = |a: usize| (o[a].abs() + space.domain.hi[a] + 1.0) * inv[a].abs();
-        if fastest(d) == 0.0 || !(far(0).is_finite() && far(1).is_finite() && far(2).is_finite()) {
+        let most = fastest(d);
+        if most == 0.0 || !(most.is_finite() && far(0).is_finite() && far(1).is_finite() && far(2).is_finite()) {
             return Entry::Misses { certain: false };
         }
         // The stretch inside the domain grown by e on every side, and with it what the planes keep.
@@ -496,7 +497,13 @@ mod tests {
         let s = space(0.0);
         let inside = s.domain.world(DVec3::splat(3.3));
         let outside = s.domain.world(DVec3::new(-900.0, 3.3, 3.3));
-        for (origin, x) in [(outside, 1e-306), (inside, 5e-309), (inside, -5e-309), (outside, 5e-324)] {
+        for (origin, x) in [
+            (outside, 1e-306),
+            (inside, 5e-309),
+            (inside, -5e-309),
+            (outside, 5e-324),
+            (outside, 1.5e308),
+        ] {
             let entry = enter::<false>(&s, origin, DVec3::X * x);
             assert!(matches!(entry, Entry::Misses { certain: false }), "{x}: {entry:?}");
         }
