@@ -91,7 +91,7 @@ impl Solver {
         if lo > noise || hi < -noise {
             return None;
         }
-        piece.pixels = project(wide, k, &piece, points, range(points))?;
+        piece.pixels = project(wide, k, &piece, points)?.0;
         let b = piece.pixels;
         let mut open: Option<PixelBox> = None;
         // Corners of gamma: what continuity needs.

@@ -15,6 +15,7 @@ mod frustum;
 mod grid;
 mod matrix;
 mod model;
+mod newton;
 mod orientation;
 mod paper;
 mod paper_cpu;
@@ -34,6 +35,7 @@ mod solve;
 mod tests;
 mod tile;
 mod tree;
+mod wide;
 
 pub use cpu::{NURBS_CPU, NURBS_CPU_PAPER, NurbsCpu};
-pub use orientation::{Orientation, orientation};
+pub use orientation::{Orientation, Orientations, orientation};

@@ -23,13 +23,15 @@ pub(crate) fn inverse(m: &Matrix) -> Option<Matrix> {
 /// `m v`.
 #[inline(always)]
 pub(crate) fn product(m: &Matrix, v: [f64; 3]) -> [f64; 3] {
-    [0, 1, 2].map(|i| m[i][0] * v[0] + m[i][1] * v[1] + m[i][2] * v[2])
+    let row = |r: &[f64; 3]| r[0] * v[0] + r[1] * v[1] + r[2] * v[2];
+    [row(&m[0]), row(&m[1]), row(&m[2])]
 }
 
 /// Sums of the rows of a matrix without negative entries.
 #[inline(always)]
 pub(crate) fn row_sums(m: &Matrix) -> [f64; 3] {
-    m.map(|r| (r[0] + r[1] + r[2]) * (1.0 + 4.0 * f64::EPSILON))
+    let sum = |r: &[f64; 3]| (r[0] + r[1] + r[2]) * (1.0 + 4.0 * f64::EPSILON);
+    [sum(&m[0]), sum(&m[1]), sum(&m[2])]
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! What is known of a piece as a whole: ranges of its partial derivatives, the linear model for all its pixels, and the axis to halve.
 
-use crate::bernstein::{Point, bases, slopes, value, value_roundings};
+use crate::bernstein::{Point, middle, slopes, value_roundings};
 use crate::frustum::{EPS, Frustum, PixelBox};
 use crate::matrix::{Matrix, inverse, product, row_sums};
 use crate::solve::{Constants, DEEPEST, Piece, WIDENED, WIDER};
@@ -28,17 +28,24 @@ pub(crate) struct Derivatives {
     value: [(f64, f64); 3],
 }
 
+/// Of one axis. No closure: those are compiled apart, for no instruction set.
+#[inline(always)]
+fn along(k: &Constants, a: usize, points: &[Point], values: &[f64]) -> ((Point, Point), (f64, f64)) {
+    let ((lo, hi), (p, q)) = (slopes(k.g, a, points), slopes(k.h, a, values));
+    let (n, m) = (k.g[a] as f64, k.h[a] as f64);
+    let middle: Point = std::array::from_fn(|i| n * (0.5 * (lo[i] + hi[i])));
+    let half: Point = std::array::from_fn(|i| n * (0.5 * (hi[i] - lo[i])));
+    ((middle, half), (m * (0.5 * (p + q)), m * (0.5 * (q - p))))
+}
+
 impl Derivatives {
     #[inline(always)]
     pub(crate) fn new(k: &Constants, points: &[Point], values: &[f64]) -> Self {
-        let axis = |a: usize| {
-            let ((lo, hi), (p, q)) = (slopes(k.g, a, points), slopes(k.h, a, values));
-            let (n, m) = (k.g[a] as f64, k.h[a] as f64);
-            let middle: Point = std::array::from_fn(|i| n * (0.5 * (lo[i] + hi[i])));
-            let half: Point = std::array::from_fn(|i| n * (0.5 * (hi[i] - lo[i])));
-            ((middle, half), (m * (0.5 * (p + q)), m * (0.5 * (q - p))))
-        };
-        let [x, y, z] = [axis(0), axis(1), axis(2)];
+        let [x, y, z] = [
+            along(k, 0, points, values),
+            along(k, 1, points, values),
+            along(k, 2, points, values),
+        ];
         Self {
             point: [x.0, y.0, z.0],
             value: [x.1, y.1, z.1],
@@ -112,8 +119,8 @@ impl Derivatives {
             rows,
             rho,
             noise,
-            middle: value(k.g, points, &bases(k.g, [0.5; 3])),
-            gamma: value(k.h, values, &bases(k.h, [0.5; 3])),
+            middle: middle(k.g, points),
+            gamma: middle(k.h, values),
             dz: most(2),
             dw: most(3),
             least_weight: least,

@@ -1,11 +1,13 @@
 //! Which way an element's parameters turn, and whether it folds: the sign of the Jacobian determinant (bad input; hardcases D3 to D5).
 //!
 //! With x, y, z, w the homogeneous coordinates, `w^4 det J = w [x y z] - x [w y z] - y [x w z] - z [x y w]`, brackets being determinants of gradients: a polynomial, whose Bernstein coefficients bound its sign and
-//! whose corner coefficients are values. Nothing here is needed to draw an element: all of this crate's methods draw each sheet of a folded one.
+//! whose corner coefficients are values. Nothing here is needed to draw an element: all of this crate's methods draw each sheet of a folded one. `isobar info` tells the counts.
 
+use crate::affine::exact_box;
 use crate::bernstein::{count, halve, range};
 use crate::paper_forms::{Poly, Smooth, Sum, determinant};
-use isobar_core::HexElement;
+use isobar_core::{HexElement, HexPatches};
+use rayon::prelude::*;
 
 /// Coefficients below this part of the greatest one count as zero: some hundred roundings of the products.
 const ZERO: f64 = 1e-12;
@@ -30,6 +32,15 @@ pub enum Orientation {
 /// The orientation of an element. Proved up to rounding (a part in 10^12 of the greatest coefficient of the determinant): signs of Bernstein coefficients on at most 4,096 parts, values at their corners.
 #[must_use]
 pub fn orientation(e: &HexElement) -> Orientation {
+    if let Some((lo, hi)) = exact_box(e) {
+        // Signs, not their product, which may underflow.
+        let turns = (hi - lo).to_array().iter().filter(|x| **x < 0.0).count();
+        return if turns % 2 == 0 {
+            Orientation::Right
+        } else {
+            Orientation::Left
+        };
+    }
     let d = determinant_of(e);
     let degree = d.counts.map(|c| c - 1);
     let most = d.values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
@@ -66,6 +77,43 @@ pub fn orientation(e: &HexElement) -> Orientation {
         (true, _) => Orientation::Vanishing,
         (false, true) => Orientation::Right,
         (false, false) => Orientation::Left,
+    }
+}
+
+/// How many elements of a mesh have each orientation.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Orientations {
+    /// [`Orientation::Right`].
+    pub right: usize,
+    /// [`Orientation::Left`].
+    pub left: usize,
+    /// [`Orientation::Vanishing`].
+    pub vanishing: usize,
+    /// [`Orientation::Folded`].
+    pub folded: usize,
+}
+
+impl Orientations {
+    /// Of all elements, on all threads.
+    #[must_use]
+    pub fn of(patches: &HexPatches) -> Self {
+        let one = |e: &HexElement| {
+            let mut n = Self::default();
+            match orientation(e) {
+                Orientation::Right => n.right = 1,
+                Orientation::Left => n.left = 1,
+                Orientation::Vanishing => n.vanishing = 1,
+                Orientation::Folded => n.folded = 1,
+            }
+            n
+        };
+        let sum = |a: Self, b: Self| Self {
+            right: a.right + b.right,
+            left: a.left + b.left,
+            vanishing: a.vanishing + b.vanishing,
+            folded: a.folded + b.folded,
+        };
+        patches.elements.par_iter().map(one).reduce(Self::default, sum)
     }
 }
 
@@ -121,6 +169,7 @@ mod tests {
     fn elements_are_told_apart() {
         let of = |degree, at: &dyn Fn([f64; 3]) -> [f64; 3]| orientation(&element(degree, at, [0; 3], &[0.0]));
         assert_eq!(of([1; 3], &|u| u), Orientation::Right);
+        assert_eq!(of([1; 3], &|[u, v, w]| [-u, -v, 1e-200 * w]), Orientation::Right);
         assert_eq!(of([1; 3], &|[u, v, w]| [-u, v, w]), Orientation::Left);
         // u along the arc, v outwards, w up.
         assert_eq!(orientation(&annulus()), Orientation::Left);
@@ -132,5 +181,25 @@ mod tests {
         // Coefficients of both signs, values of one.
         let near = |[u, v, w]: [f64; 3]| [u * u * u - u * u + 0.34 * u, v, w];
         assert_eq!(of([3, 1, 1], &near), Orientation::Right);
+    }
+
+    #[test]
+    fn elements_of_a_mesh_are_counted() {
+        let of = |degree, at: &dyn Fn([f64; 3]) -> [f64; 3]| element(degree, at, [0; 3], &[0.0]);
+        let mesh = HexPatches::new(vec![
+            of([1; 3], &|u| u),
+            annulus(),
+            of([2, 1, 1], &|[u, v, w]| [u * u, v, w]),
+            of([2, 1, 1], &|[u, v, w]| [4.0 * u * u - 3.0 * u, v, w]),
+            of([1; 3], &|[u, v, w]| [u, v + u, w]),
+        ])
+        .unwrap();
+        let want = Orientations {
+            right: 2,
+            left: 1,
+            vanishing: 1,
+            folded: 1,
+        };
+        assert_eq!(Orientations::of(&mesh), want);
     }
 }

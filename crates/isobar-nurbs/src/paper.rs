@@ -38,6 +38,8 @@ const CROWD: usize = 4;
 const MOST_BYTES: usize = 1 << 26;
 /// Forms of so many tasks are kept for the whole frame; of more for a tile only.
 const KEPT: usize = 4096;
+/// Bytes of forms kept for the frame, about: what is made beyond that is made again for the next tile.
+const MOST_KEPT: usize = 1 << 28;
 
 /// How the paper's form works.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -94,15 +96,25 @@ type Key = (u32, u64);
 
 /// The forms of a frame, made when first needed: all tiles of a camera have one frame.
 #[derive(Debug, Default)]
-pub(crate) struct Kept(Mutex<HashMap<Key, Arc<Forms>>>);
+pub(crate) struct Kept(Mutex<Store>);
+
+/// Forms, and their bytes.
+#[derive(Debug, Default)]
+struct Store {
+    forms: HashMap<Key, Arc<Forms>>,
+    bytes: usize,
+}
 
 impl Kept {
     fn get(&self, key: Key, make: impl FnOnce() -> Forms) -> Arc<Forms> {
-        let known = || self.0.lock().ok().and_then(|m| m.get(&key).cloned());
+        let known = || self.0.lock().ok().and_then(|s| s.forms.get(&key).cloned());
         known().unwrap_or_else(|| {
             let made = Arc::new(make());
-            if let Ok(mut m) = self.0.lock() {
-                m.insert(key, Arc::clone(&made));
+            if let Ok(mut s) = self.0.lock()
+                && s.bytes < MOST_KEPT
+                && s.forms.insert(key, Arc::clone(&made)).is_none()
+            {
+                s.bytes += made.bytes();
             }
             made
         })
@@ -110,7 +122,7 @@ impl Kept {
 
     /// Bytes of all forms.
     pub(crate) fn bytes(&self) -> usize {
-        self.0.lock().map_or(0, |m| m.values().map(|f| f.bytes()).sum())
+        self.0.lock().map_or(0, |s| s.bytes)
     }
 }
 

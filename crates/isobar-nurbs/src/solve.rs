@@ -18,11 +18,10 @@
 //! contacts end so.
 
 use crate::affine::{LocalRay, exact_box, is_near};
-use crate::bernstein::{Lanes, Point, bases, count, halve, jet, range, value_roundings};
+use crate::bernstein::{Lanes, Point, bases, count, halve, jet, range, range_of};
 use crate::ends::Ends;
 use crate::frustum::{EPS, Frustum, PixelBox};
-use crate::matrix::{inverse, product};
-use crate::model::{Derivatives, Model, survivors};
+use crate::model::{Derivatives, survivors};
 use glam::DVec3;
 use isobar_core::HexElement;
 
@@ -38,8 +37,6 @@ pub(crate) const WIDENED: f64 = 1.03;
 const CONTRACTION: f64 = 0.5;
 /// Pixels for which a piece that is not injective is tested one by one.
 const FEW: usize = 64;
-/// Newton steps, at most.
-const STEPS: usize = 16;
 
 /// What is sought on an element.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,7 +96,7 @@ pub(crate) struct Piece {
     /// Halvings since each axis was halved.
     pub(crate) since: [u8; 3],
     /// Which faces are faces of the element: bit 2 a + side.
-    faces: u8,
+    pub(crate) faces: u8,
     /// Roundings, in units of the scale.
     pub(crate) geometry: f64,
     pub(crate) attribute: f64,
@@ -136,7 +133,7 @@ pub(crate) struct Constants {
     /// The lane of D.
     pub(crate) lane: usize,
     /// The axis whose value the target fixes at an end of [0, 1].
-    face_axis: Option<usize>,
+    pub(crate) face_axis: Option<usize>,
 }
 
 impl Solver {
@@ -266,12 +263,11 @@ impl Solver {
         if lo > noise || hi < -noise {
             return self.drop_piece(k);
         }
-        let ends = range(points);
-        let Some(b) = project(f, k, &piece, points, ends) else {
+        let Some((b, least)) = project(f, k, &piece, points) else {
             return self.drop_piece(k);
         };
         let near = if self.ends.is_on() {
-            nearest(k, &piece, points, ends.0[3])
+            nearest(k, &piece, points, least)
         } else {
             0.0
         };
@@ -287,7 +283,7 @@ impl Solver {
             }
         }
         let derivatives = Derivatives::new(k, points, values);
-        let model = derivatives.model(f, k, &piece, points, values, ends.0[3]);
+        let model = derivatives.model(f, k, &piece, points, values, least);
         if let Some(m) = &model {
             if m.rho <= CONTRACTION {
                 // Pixels whose root lies too near the piece's outside are left: they see it again in smaller pieces.
@@ -345,126 +341,6 @@ impl Solver {
         }
     }
 
-    /// The pixels of an injective piece, one by one; a rectangle about those that could not be decided.
-    #[inline(always)]
-    fn finish(&mut self, f: &Frustum, task: &Task, k: &Constants, piece: &Piece, m: &Model) -> Option<PixelBox> {
-        let mut left = None;
-        let b = piece.pixels;
-        for y in usize::from(b.y0)..=usize::from(b.y1) {
-            for x in usize::from(b.x0)..=usize::from(b.x1) {
-                let pixel = y * f.width + x;
-                let d = m.step(f, k, pixel);
-                if m.excludes(d) {
-                    continue;
-                }
-                match self.newton(f, task, k, piece, m, pixel, d) {
-                    Outcome::Root(found) => {
-                        self.ends.note(&found);
-                        self.found.push(found);
-                    }
-                    Outcome::None => {}
-                    Outcome::Lost => left = Some(PixelBox::with(left, x as u16, y as u16)),
-                }
-            }
-        }
-        left
-    }
-
-    /// The root of one pixel in an injective piece.
-    #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "one step of one loop, split for length")]
-    fn newton(
-        &mut self,
-        f: &Frustum,
-        task: &Task,
-        k: &Constants,
-        piece: &Piece,
-        m: &Model,
-        pixel: usize,
-        d: [f64; 3],
-    ) -> Outcome {
-        let (np, nv) = (self.points.len() - count(k.g), self.values.len() - count(k.h));
-        let (points, values) = (&self.points[np..], &self.values[nv..]);
-        let ray = &f.rays[pixel];
-        let [s, r] = ray.slope;
-        let floor = m.noise.iter().fold(0.0f64, |a, &b| a.max(b)) / (1.0 - m.rho);
-        let mut u = [0, 1, 2].map(|i| (0.5 - d[i]).clamp(-WIDER, 1.0 + WIDER));
-        let mut before = f64::INFINITY;
-        for _ in 0..STEPS {
-            self.work.newton += 1;
-            let [p, pu, pv, pw] = jet(k.g, points, &bases(k.g, u));
-            let [a, au, av, aw] = jet(k.h, values, &bases(k.h, u));
-            let lane = k.lane;
-            let residual = [p[0] - s * p[lane], p[1] - r * p[lane], a];
-            let step = product(&m.y, residual);
-            let miss = step.iter().fold(0.0f64, |a, b| a.max(b.abs()));
-            let error = (miss / (1.0 - m.rho) + floor) * (1.0 + 1e-12) + 8.0 * EPS;
-            if !error.is_finite() {
-                return Outcome::Lost;
-            }
-            // A root u + v of the piece has |v| <= error and |v + Y P(u)| <= E |v|.
-            let outside = (0..3).any(|i| {
-                let (x, by) = (u[i] - step[i], m.rows[i] * error + m.noise[i] + 8.0 * EPS);
-                x + by < 0.0 || x - by > 1.0 || u[i] + error < 0.0 || u[i] - error > 1.0
-            });
-            if outside {
-                return Outcome::None;
-            }
-            let j = [
-                [pu, pv, pw].map(|q| q[0] - s * q[lane]),
-                [pu, pv, pw].map(|q| q[1] - r * q[lane]),
-                [au, av, aw],
-            ];
-            let own = inverse(&j)
-                .map(|y| product(&y, residual))
-                .filter(|d| d.iter().all(|x| x.is_finite()));
-            let by = own.unwrap_or(step);
-            // At the floor of the roundings, or no longer falling near it.
-            if miss <= floor || miss <= 1e-10 && miss >= 0.5 * before {
-                let inside = u.iter().all(|&x| x - error >= -WIDER && x + error <= 1.0 + WIDER);
-                if !inside {
-                    return Outcome::Lost;
-                }
-                let mut certain = true;
-                for (axis, &x) in u.iter().enumerate() {
-                    let face = |side: u8| piece.faces & (1 << (2 * axis + usize::from(side))) != 0 && k.face_axis != Some(axis);
-                    // At a face of the element the root may lie beyond it.
-                    let beyond = x - error < 0.0 && face(0) || x + error > 1.0 && face(1);
-                    certain &= !beyond;
-                }
-                // One more step to first order: where the equations are nearly dependent the floor is far above what is reached.
-                let last: Point = std::array::from_fn(|l| p[l] - (by[0] * pu[l] + by[1] * pv[l] + by[2] * pw[l]));
-                let depth = last[2] / last[3];
-                let reach: f64 = (0..3)
-                    .map(|i| {
-                        // Three steps: to the root and back, and what the first order leaves out.
-                        let e = step[i].abs() + 3.0 * by[i].abs() + m.noise[i] + m.rows[i] * error;
-                        (m.dz[i] + depth.abs() * m.dw[i]) * e
-                    })
-                    .sum::<f64>()
-                    * 1.01;
-                let noise = EPS * (piece.geometry + value_roundings(k.g)) * (k.scale + depth.abs() * k.weight);
-                let rounded = EPS * 16.0 * (depth.abs() + ray.start.abs());
-                return Outcome::Root(Found {
-                    pixel: pixel as u16,
-                    surface: task.surface,
-                    certain,
-                    face: false,
-                    t: (depth - ray.start) / ray.rate,
-                    error: ((reach + noise) / m.least_weight + rounded) / ray.rate.abs() * f.obliquity.max(1.0),
-                    normal: normal(f, p, [pu, pv, pw], [au, av, aw]),
-                });
-            }
-            let next = [0, 1, 2].map(|i| (u[i] - by[i]).clamp(-WIDER, 1.0 + WIDER));
-            if next == u {
-                return Outcome::Lost;
-            }
-            u = next;
-            before = miss;
-        }
-        Outcome::Lost
-    }
-
     /// A piece of the smallest size: its pixels are undecided, and those whose rays pass it within the piece's own extent get an uncertain hit.
     #[inline(always)]
     fn give_up(&mut self, f: &Frustum, task: &Task, k: &Constants, piece: &Piece) {
@@ -495,12 +371,6 @@ impl Solver {
     }
 }
 
-enum Outcome {
-    Root(Found),
-    None,
-    Lost,
-}
-
 /// `J^-T grad_u gamma` in the world (maths C, equation 16), up to a positive factor.
 #[inline(always)]
 pub(crate) fn normal(f: &Frustum, p: Point, d: [Point; 3], g: [f64; 3]) -> DVec3 {
@@ -525,37 +395,45 @@ fn nearest(k: &Constants, piece: &Piece, points: &[Point], least: f64) -> f64 {
     near - 2.0 * EPS * (piece.geometry + 4.0) * (k.scale + near.abs() * k.weight) / least
 }
 
-/// The pixels whose rays may pass the control points of a piece; `None`: none do.
+/// The pixels whose rays may pass the control points of a piece, and the least weight; `None`: none do.
+///
+/// Slopes are taken from those of the rectangle's middle, s0 and r0: of `x - s0 D` the least over the greatest or least depth is hardly less than the least quotient of a control point,
+/// and no point is divided by.
 #[inline(always)]
-pub(crate) fn project(f: &Frustum, k: &Constants, piece: &Piece, points: &[Point], (lo, hi): (Point, Point)) -> Option<PixelBox> {
+pub(crate) fn project(f: &Frustum, k: &Constants, piece: &Piece, points: &[Point]) -> Option<(PixelBox, f64)> {
+    let [(s, ds), (r, dr)] = f.slopes(piece.pixels);
+    let lane = k.lane;
+    let (lo, hi) = range_of(points, |p: Point| [p[0] - s * p[lane], p[1] - r * p[lane], p[2], p[3]]);
     let noise = EPS * piece.geometry * k.scale;
-    let (near, far) = (lo[k.lane], hi[k.lane]);
+    let (near, far) = (lo[lane], hi[lane]);
     if !f.parallel && far < -noise {
         return None;
     }
-    // Rounding of the quotients, and of the coefficients, as a slope.
-    let heavy = if f.parallel { EPS * piece.geometry * k.weight } else { noise };
+    // Errors of a depth, and of `x - s D`: of both coefficients, of the product and of the difference.
+    let (heavy, depth) = if f.parallel {
+        (EPS * piece.geometry * k.weight, k.weight)
+    } else {
+        (noise, k.scale)
+    };
     if near > 4.0 * heavy {
-        let (mut x, mut y) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
-        for p in points {
-            let d = p[k.lane];
-            let (a, b) = (p[0] / d, p[1] / d);
-            x = (x.0.least(a), x.1.most(a));
-            y = (y.0.least(b), y.1.most(b));
-        }
-        let slack = |q: (f64, f64)| {
-            let most = q.0.abs().max(q.1.abs());
-            let by = (noise + most * heavy) / near * 1.5 + 4.0 * EPS * most;
-            (q.0 - by, q.1 + by)
+        let steep = s.abs().max(r.abs());
+        let rough = noise + steep * heavy + 4.0 * EPS * (k.scale + steep * depth);
+        let quotients = |(a, b): (f64, f64), middle: f64| {
+            let lo = a / if a < 0.0 { near } else { far };
+            let hi = b / if b < 0.0 { far } else { near };
+            let most = lo.abs().max(hi.abs());
+            // Rounding of the quotient, and of its sum with the middle.
+            let by = (rough + most * heavy) / near * 1.5 + 4.0 * EPS * (most + middle.abs());
+            (middle + lo - by, middle + hi + by)
         };
-        return f.narrow(piece.pixels, slack(x), slack(y));
+        let b = f.narrow(piece.pixels, quotients((lo[0], hi[0]), s), quotients((lo[1], hi[1]), r))?;
+        return Some((b, lo[3]));
     }
     // Points before and behind the eye: no quotients. A linear form that is negative on all control points is negative on the piece, and
     // not negative on the rays.
-    let [(s, ds), (r, dr)] = f.slopes(piece.pixels);
     let most = noise + heavy * (f.reach + 1.0);
     let outside = [(0, s - ds, 1.0), (0, s + ds, -1.0), (1, r - dr, 1.0), (1, r + dr, -1.0)]
         .iter()
         .any(|&(lane, slope, sign)| points.iter().all(|p| sign * (p[lane] - slope * p[k.lane]) < -2.0 * most));
-    (!outside).then_some(piece.pixels)
+    (!outside).then_some((piece.pixels, lo[3]))
 }

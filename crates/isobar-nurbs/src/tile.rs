@@ -176,7 +176,12 @@ pub(crate) fn pixel(
         }
         i = j;
         best.error = (best.t - lo).max(hi - best.t).max(best.error);
-        if hi < 0.0 || !best.t.is_finite() {
+        if !best.t.is_finite() {
+            // A root it is, but beyond all numbers.
+            sure = false;
+            continue;
+        }
+        if hi < 0.0 {
             continue;
         }
         sure &= best.certain && lo >= 0.0;

@@ -134,6 +134,32 @@ fn info_describes_data() {
     }
 }
 
+/// Hardcases D5: x = 4 u^2 - 3 u turns back on itself.
+#[test]
+fn info_tells_folded_elements() {
+    let p = Place::new();
+    let mut points = Vec::new();
+    for n in 0..12 {
+        points.push(format!("[{},{},{},1]", [0.0, -1.5, 1.0][n % 3], n / 3 % 2, n / 6));
+    }
+    let file = p.file(
+        "fold.json",
+        format!(
+            r#"{{"format":"nurbs-volume/1","patches":[{{"degree":[2,1,1],"n":[3,2,2],"knots":[[0,0,0,1,1,1],[0,0,1,1],[0,0,1,1]],"control_points":[{}],"field":[0,1,2,0,1,2,0,1,2,0,1,2]}}]}}"#,
+            points.join(",")
+        )
+        .as_bytes(),
+    );
+    let t = p.good(&format!("info {file}"));
+    assert!(t.contains("orientation  1 folded"), "{t}");
+    let j: serde_json::Value = serde_json::from_str(&p.good(&format!("info {file} --json"))).expect("JSON");
+    assert_eq!(
+        j["orientation"],
+        serde_json::json!({"right": 0, "left": 0, "vanishing": 0, "folded": 1})
+    );
+    assert!(p.good("info synthetic:sphere,n=5,as=hexes").contains("64 right-handed"));
+}
+
 #[test]
 fn render_writes_all_formats_and_stats() {
     let p = Place::new();

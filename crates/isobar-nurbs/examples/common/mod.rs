@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each example uses a part")]
 
 use isobar_core::{DVec3, Data, HexElement, HexPatches, Stage, View};
-use isobar_fields::hexes_bezier::{Tensor, interpolation};
+use isobar_fields::hexes_bezier::{Tensor, interpolation, split};
 use isobar_fields::{Kind, refine_hexes, spline_to_hexes};
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -159,25 +159,69 @@ pub(crate) fn cylinder() -> Made {
     Ok((Data::Hexes(lattice([5, 2, 5], 3, place, mode)?), 0.35))
 }
 
-/// Rational tri-cubic NURBS of about 10^4 elements: the horseshoe cut twice along its parameters.
+/// Rational tri-cubic NURBS of about 10^4 elements: each of the horseshoe's 432 cut into three along each axis, 11,664 (the paper's Bimba has 10,935).
 pub(crate) fn bimba() -> Made {
     let Data::Hexes(h) = shared("nurbs/horseshoe_iga.json")? else {
         return Err("no elements".into());
     };
-    let mut h = h;
-    while h.elements.len() < 3500 {
-        h = refine_hexes(&h)?;
-    }
-    Ok((Data::Hexes(h), 0.2))
+    let elements: Vec<HexElement> = h.elements.iter().flat_map(thirds).collect();
+    Ok((Data::Hexes(HexPatches::new(elements)?), 0.2))
+}
+
+/// The 27 parts of an element.
+fn thirds(e: &HexElement) -> Vec<HexElement> {
+    let along = |t: &Tensor<f64>, axis: usize| {
+        let cut = |t: &Tensor<f64>, at: f64, upper: bool| {
+            t.along(axis, |c| {
+                let (low, high) = split(c, &at);
+                if upper { high } else { low }
+            })
+        };
+        let rest = cut(t, 1.0 / 3.0, true);
+        [cut(t, 1.0 / 3.0, false), cut(&rest, 0.5, false), cut(&rest, 0.5, true)]
+    };
+    let parts = |degree: [u8; 3], values: Vec<f64>| {
+        let whole = Tensor {
+            counts: degree.map(|d| usize::from(d) + 1),
+            values,
+        };
+        (0..3).fold(vec![whole], |all, axis| all.iter().flat_map(|t| along(t, axis)).collect())
+    };
+    let weight = |i: usize| e.points[i][3];
+    let [x, y, z, w] = [0, 1, 2, 3].map(|c| {
+        let lane = |p: &[f64; 4]| p[3] * if c < 3 { p[c] } else { 1.0 };
+        parts(e.degree, e.points.iter().map(lane).collect())
+    });
+    let by = |i: usize| if e.rational_value { weight(i) } else { 1.0 };
+    let a = parts(e.value_degree, e.values.iter().enumerate().map(|(i, a)| by(i) * a).collect());
+    (0..27)
+        .map(|n| {
+            let w = &w[n].values;
+            let point = |i: usize| [x[n].values[i] / w[i], y[n].values[i] / w[i], z[n].values[i] / w[i], w[i]];
+            let value = |(i, a): (usize, &f64)| if e.rational_value { a / w[i] } else { *a };
+            HexElement {
+                points: (0..w.len()).map(point).collect(),
+                values: a[n].values.iter().enumerate().map(value).collect(),
+                ..e.clone()
+            }
+        })
+        .collect()
 }
 
 /// The teardrop on one deformed triquintic element.
 pub(crate) fn teardrop() -> Made {
+    stretched_teardrop(1.0)
+}
+
+/// The same, stretched by a factor along an oblique direction.
+pub(crate) fn stretched_teardrop(factor: f64) -> Made {
     let f = |[x, y, z]: [f64; 3]| 0.5 * x.powi(5) + 0.5 * x.powi(4) - y * y - z * z;
     let own = |u: [f64; 3]| u.map(|u| 2.5 * u - 1.25);
+    let along = DVec3::new(1.0, 0.3, 0.7).normalize();
     let place = |u: [f64; 3]| {
         let [x, y, z] = own(u);
-        DVec3::new(x + 0.25 * y * y, y + 0.2 * x * x - 0.15 * x * z, z + 0.2 * x * y)
+        let p = DVec3::new(x + 0.25 * y * y, y + 0.2 * x * x - 0.15 * x * z, z + 0.2 * x * y);
+        p + along * (along.dot(p) * (factor - 1.0))
     };
     Ok((Data::Hexes(lattice([1; 3], 5, place, |u| f(own(u)))?), 0.0))
 }

@@ -5,6 +5,7 @@ use crate::settings::{finite, pretty, short};
 use crate::source::{Source, Summary, suggested_isovalues};
 use anyhow::Result;
 use isobar_core::{DVec3, Data};
+use isobar_nurbs::Orientations;
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -56,6 +57,10 @@ pub fn to_json(source: &Source, summary: &Summary) -> Value {
             out["direction"] = json!(g.direction.to_cols_array_2d());
         }
         Data::Tets(m) => out["points"] = json!(m.points.len()),
+        Data::Hexes(h) => {
+            let n = Orientations::of(h);
+            out["orientation"] = json!({"right": n.right, "left": n.left, "vanishing": n.vanishing, "folded": n.folded});
+        }
         Data::Algebraic(a) => out["degree"] = json!(a.degree()),
         _ => {}
     }
@@ -93,7 +98,19 @@ fn to_text(source: &Source, summary: &Summary) -> String {
             row("cells", &format!("{} tetrahedra, {} points", m.cells.len(), m.points.len()));
             row("type", source.type_name());
         }
-        Data::Hexes(h) => row("cells", &format!("{} elements", h.elements.len())),
+        Data::Hexes(h) => {
+            row("cells", &format!("{} elements", h.elements.len()));
+            let n = Orientations::of(h);
+            let counts = [
+                (n.right, "right-handed"),
+                (n.left, "left-handed"),
+                (n.vanishing, "with a vanishing Jacobian determinant"),
+                (n.folded, "folded"),
+            ];
+            let some = counts.iter().filter(|(n, _)| *n > 0);
+            let words: Vec<String> = some.map(|(n, what)| format!("{n} {what}")).collect();
+            row("orientation", &words.join(", "));
+        }
         Data::Algebraic(a) => row("polynomial", &format!("{} terms, degree {}", a.terms.len(), a.degree())),
         _ => {}
     }
