@@ -131,7 +131,7 @@ fn stretch(start: f32, stop: f32, m: f32) -> bool {
     let summed = params.law == PRINTED;
     if inside {
         inside = false;
-    } else {
+    } else if summed || !begun || end < start {
         // Where increments are summed, each macrocell begins with the closed form again, as printed.
         let n = sample_before(select(start, max(start, end), summed && begun));
         if summed || n > next || !begun {

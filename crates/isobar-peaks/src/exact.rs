@@ -14,7 +14,7 @@
 mod eight;
 
 use crate::crossings::{Crossing, Stretch, Track};
-use crate::macrocells::{LOG, Macrocells, Visible, Visit, bit, span};
+use crate::macrocells::{LOG, Visible, Visit, bit, span};
 use crate::medium::{Medium, Sums, opacity};
 use crate::sink::Sink;
 use crate::space::{Dda, Entry, Walk, three};
@@ -44,7 +44,6 @@ pub(crate) const MARGIN: f64 = 1e-6;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Exact<'a> {
     pub(crate) volume: &'a Volume,
-    pub(crate) macrocells: &'a Macrocells,
     pub(crate) visible: &'a Visible,
     /// Open cuts.
     pub(crate) clips: &'a [ClipPlane],
@@ -218,7 +217,7 @@ impl<S: Lanes, F: Form> Visit for Way<'_, '_, '_, '_, '_, S, F> {
     #[inline(always)]
     fn macrocell(&mut self, at: [i32; 3], from: f64, to: f64) -> bool {
         self.scratch.work.macrocells += 1;
-        let mask = self.shared.visible.cells_of(at, self.shared.macrocells, self.form);
+        let mask = self.shared.visible.cells_of(at, self.form);
         if mask == 0 {
             return true;
         }

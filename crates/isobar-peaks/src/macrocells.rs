@@ -2,10 +2,10 @@
 //!
 //! Least and greatest value of every block of 4^3 cells, once per data set, and which blocks the transfer function or a surface can be seen in, anew
 //! for each of these, in parallel. The paper's grid has 64^3 macrocells whatever the data; blocks of 4^3 cells are the same at 256^3. Different here: 64 macrocells share a
-//! word, so that empty space is crossed in steps of 16 cells, and their ranges lie side by side, so that a word is made by comparing 64 ranges at once; and the cells of a
-//! macrocell have such a word too: all of it where the macrocell's range lies in what can be seen, else made when a ray that finds exact crossings first enters
-//! it, so that work follows what is visible. For degree 1 it is made from the ranges of the cells, two bytes each, kept from one transfer function to the next (`cells.rs`);
-//! for the others, whose ranges take long, from the coefficients. For filters without negative lobes the coefficients in reach bound a macrocell; for BC(2,1) the Bernstein
+//! word, so that empty space is crossed in steps of 16 cells, and their ranges lie side by side, so that a word is made by comparing 64 ranges at once; and for rays that find exact
+//! crossings the cells of a macrocell have such a word too: all of it where the macrocell's range lies in what can be seen. Else, for degree 1, it is made at once too, from the ranges of the
+//! cells, two bytes each, kept from one transfer function to the next (`cells.rs`): read in the order they lie in memory, they take a fifth of the time that they take when rays come by.
+//! For the others, whose ranges take long, it is made from the coefficients when a ray first enters, so that work follows what is visible. For filters without negative lobes the coefficients in reach bound a macrocell; for BC(2,1) the Bernstein
 //! coefficients of its pieces do.
 
 mod cells;
@@ -188,7 +188,7 @@ pub(crate) struct Visible {
     nodes: [i32; 3],
     cells: [i32; 3],
     words: Vec<AtomicU64>,
-    /// Per macrocell its visible cells; [`UNKNOWN`] until a ray comes by.
+    /// Per macrocell its visible cells; [`UNKNOWN`] until a ray comes by, where the ranges of cells are not kept.
     masks: Vec<AtomicU64>,
     wanted: Bands,
     level: Level,
@@ -198,7 +198,8 @@ pub(crate) struct Visible {
 const UNKNOWN: u64 = 0;
 
 impl Visible {
-    /// Those that meet a value of `wanted`, or all of them. Where the range of a macrocell lies in an interval of `wanted`, all its cells are visible and need not be looked at.
+    /// Those that meet a value of `wanted`, or all of them. Where the range of a macrocell lies in an interval of `wanted`, all its cells are visible and need not be looked at. In parallel on
+    /// the calling pool.
     pub(crate) fn new(volume: &Volume, macros: &Macrocells, wanted: &Intervals, all: bool, level: Level) -> Self {
         let wanted = if all {
             Intervals::new([(f64::NEG_INFINITY, f64::INFINITY)], 0.0).outward()
@@ -208,11 +209,12 @@ impl Visible {
         let masks: Vec<AtomicU64> = (0..64 * macros.least.len()).map(|_| AtomicU64::new(UNKNOWN)).collect();
         let words: Vec<AtomicU64> = (0..macros.least.len()).map(|_| AtomicU64::new(0)).collect();
         // Nodes a task takes.
-        const RUN: usize = 256;
+        const RUN: usize = 128;
         words.par_chunks(RUN).enumerate().for_each(|(n, words)| {
             level.run(LookAtNodes {
-                least: &macros.least[n * RUN..],
-                most: &macros.most[n * RUN..],
+                macros,
+                space: volume.space.cells,
+                first: n * RUN,
                 wanted: &wanted,
                 words,
                 masks: &masks[64 * n * RUN..],
@@ -253,26 +255,23 @@ impl Visible {
 
     /// The visible cells of a macrocell.
     #[inline(always)]
-    pub(crate) fn cells_of(&self, at: [i32; 3], macros: &Macrocells, form: impl Form) -> u64 {
+    pub(crate) fn cells_of(&self, at: [i32; 3], form: impl Form) -> u64 {
         let slot = slot(at, self.nodes);
         match self.masks[slot].load(Ordering::Relaxed) {
-            UNKNOWN => self.look(at, slot, macros, form),
+            UNKNOWN => self.look(at, slot, form),
             mask => mask,
         }
     }
 
     #[inline(never)]
-    fn look(&self, at: [i32; 3], slot: usize, macros: &Macrocells, form: impl Form) -> u64 {
+    fn look(&self, at: [i32; 3], slot: usize, form: impl Form) -> u64 {
         let (lo, hi) = span(at, self.cells);
-        let mask = match &macros.cells {
-            Some(ranges) => ranges.mask(slot, macros, &self.wanted) & bits_of(lo, hi),
-            None => self.level.run(LookAtCells {
-                form,
-                lo,
-                hi,
-                wanted: &self.wanted,
-            }),
-        };
+        let mask = self.level.run(LookAtCells {
+            form,
+            lo,
+            hi,
+            wanted: &self.wanted,
+        });
         if mask == UNKNOWN {
             self.words[slot >> 6].fetch_and(!(1 << bit(at)), Ordering::Relaxed);
         }
@@ -334,10 +333,13 @@ impl<F: Form> Kernel for LookAtCells<'_, F> {
     }
 }
 
-/// Which macrocells of some nodes can be seen, and which of them wholly.
+/// Which macrocells of some nodes can be seen, and which of their cells, where that is known without the coefficients.
 struct LookAtNodes<'a> {
-    least: &'a [[f32; 64]],
-    most: &'a [[f32; 64]],
+    macros: &'a Macrocells,
+    /// Cells per axis.
+    space: [i32; 3],
+    /// The first node.
+    first: usize,
     wanted: &'a Bands,
     words: &'a [AtomicU64],
     masks: &'a [AtomicU64],
@@ -348,13 +350,30 @@ impl Kernel for LookAtNodes<'_> {
 
     #[inline(always)]
     fn run(self) {
-        for (n, word) in self.words.iter().enumerate() {
-            let (meets, mut inside) = self.wanted.bits(&self.least[n], &self.most[n]);
-            word.store(meets, Ordering::Relaxed);
+        let macros = self.macros;
+        for (i, word) in self.words.iter().enumerate() {
+            let n = self.first + i;
+            let (mut meets, mut inside) = self.wanted.bits(&macros.least[n], &macros.most[n]);
+            let mut part = meets & !inside;
             while inside != 0 {
-                self.masks[64 * n + inside.trailing_zeros() as usize].store(u64::MAX, Ordering::Relaxed);
+                self.masks[64 * i + inside.trailing_zeros() as usize].store(u64::MAX, Ordering::Relaxed);
                 inside &= inside - 1;
             }
+            if let Some(ranges) = &macros.cells {
+                let node = node_at(n, macros.nodes);
+                while part != 0 {
+                    let b = part.trailing_zeros();
+                    part &= part - 1;
+                    let (lo, hi) = span(three(|a| node[a] << LOG | b as i32 >> (2 * a) & (SIDE - 1)), self.space);
+                    let mask = ranges.mask(64 * n + b as usize, macros, self.wanted) & bits_of(lo, hi);
+                    if mask == UNKNOWN {
+                        meets &= !(1 << b);
+                    } else {
+                        self.masks[64 * i + b as usize].store(mask, Ordering::Relaxed);
+                    }
+                }
+            }
+            word.store(meets, Ordering::Relaxed);
         }
     }
 }
@@ -363,4 +382,70 @@ impl Kernel for LookAtNodes<'_> {
 pub(crate) trait Visit {
     /// The macrocell `at`, between parameters `from` and `to`; false ends the ray.
     fn macrocell(&mut self, at: [i32; 3], from: f64, to: f64) -> bool;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::filter::Filter;
+    use crate::volume::Linear;
+    use isobar_core::{Grid, Samples};
+
+    /// No cell that meets what is wanted is passed by, and those that only come near it do so within two parts of their macrocell's range: whether words are made at once or when a ray
+    /// comes by, for every type of samples and every level.
+    #[test]
+    fn words_hold_every_cell_that_meets() {
+        let dims = [23usize, 18, 34];
+        let n: usize = dims.iter().product();
+        let mut seed = 11u32;
+        let mut unit = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(seed >> 8) / f64::from(1u32 << 24)
+        };
+        // Half of it is smooth, so that macrocells have small ranges too.
+        let all: Vec<f64> = (0..n)
+            .map(|i| if i % dims[0] < 12 { unit() } else { i as f64 / n as f64 })
+            .collect();
+        let of: [(Samples, f64); 4] = [
+            (Samples::F32(all.iter().map(|v| *v as f32).collect()), 1.0),
+            (Samples::U8(all.iter().map(|v| (v * 255.0) as u8).collect()), 255.0),
+            (Samples::I16(all.iter().map(|v| (v * 30_000.0) as i16).collect()), 30_000.0),
+            (Samples::U16(all.iter().map(|v| (v * 60_000.0) as u16).collect()), 60_000.0),
+        ];
+        for (samples, scale) in of {
+            let grid = Grid::unit(dims, samples).unwrap();
+            let volume = Volume::new(&grid, "trilinear".parse::<Filter>().unwrap()).unwrap();
+            for (keep, level) in [(true, Level::Avx512), (true, Level::Scalar), (false, Level::Avx2)] {
+                let macros = Macrocells::new(&volume, keep, Level::best(level));
+                let values = [(0.25, 0.25), (0.6, 0.601), (0.83, 0.83)];
+                let wanted = Intervals::new(values.map(|(a, b)| (a * scale, b * scale)), 1e-6 * scale);
+                let visible = Visible::new(&volume, &macros, &wanted, false, Level::best(level));
+                let form = Linear::new(&volume);
+                let mut passed = 0;
+                for at in 0..macros.least.len() * 64 {
+                    let node = node_at(at >> 6, macros.nodes);
+                    let at = three(|a| node[a] << LOG | (at as i32 & 63) >> (2 * a) & (SIDE - 1));
+                    if (0..3).any(|a| at[a] >= macros.dims[a]) {
+                        continue;
+                    }
+                    let slot = slot(at, macros.nodes);
+                    let range = [&macros.least, &macros.most].map(|r| f64::from(r.as_flattened()[slot]));
+                    let near = 2.0 / 255.0 * (range[1] - range[0]);
+                    let seen = visible.words[slot >> 6].load(Ordering::Relaxed) >> bit(at) & 1 != 0;
+                    let mask = if seen { visible.cells_of(at, form) } else { 0 };
+                    let (lo, hi) = span(at, volume.space.cells);
+                    form.ranges(lo, hi, |cell, a, b| {
+                        let drawn = mask >> bit(cell) & 1 != 0;
+                        assert!(drawn || !wanted.meets(a, b), "{scale} {level} {cell:?}: [{a}, {b}]");
+                        assert!(
+                            !drawn || wanted.meets(a - near, b + near),
+                            "{scale} {level} {cell:?}: [{a}, {b}]"
+                        );
+                        passed += usize::from(!drawn);
+                    });
+                }
+                assert!(passed > n / 4, "{passed} of {n}");
+            }
+        }
+    }
 }

@@ -233,10 +233,14 @@ impl<S: Lanes, F: Form> Way<'_, '_, '_, '_, '_, S, F> {
     #[inline(always)]
     fn begin(&mut self, from: f64) {
         let summed = self.sums();
+        // The last sample lies beyond what has not been seen yet.
+        if !summed && self.end >= from {
+            return;
+        }
         // Where increments are summed, each macrocell begins with the closed form again, as printed.
-        let n = self.steps.before(if summed { from.max(self.end) } else { from });
+        let (n, at) = self.steps.before(if summed { from.max(self.end) } else { from });
         if summed || n > self.next || self.end == f64::NEG_INFINITY {
-            let t = self.steps.t(n).max(self.walk.t0);
+            let t = at.max(self.walk.t0);
             self.work.gaps += u64::from(self.end >= from && t != self.end);
             if t != self.end {
                 self.end = t;
@@ -246,8 +250,8 @@ impl<S: Lanes, F: Form> Way<'_, '_, '_, '_, '_, S, F> {
             self.next = n;
             self.step = match self.steps.law() {
                 Law::Printed => self.steps.printed_increment(n),
-                _ if summed => self.steps.t(n + 1.0) - self.steps.t(n),
-                _ => self.steps.t(n),
+                _ if summed => self.steps.t(n + 1.0) - at,
+                _ => at,
             };
         }
     }

@@ -159,7 +159,6 @@ impl Job<'_> {
         let index: Vec<u8> = (0..scene.values.values().len()).map(|i| scene.values.surface(i)).collect();
         let exact = Exact {
             volume: &field.volume,
-            macrocells: &field.macrocells,
             visible: &scene.visible,
             clips: &self.view.clips,
             values: scene.values.values(),

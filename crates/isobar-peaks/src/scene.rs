@@ -202,7 +202,12 @@ impl Inputs {
         let settings = Settings::new(self.variant, knobs)?;
         let former = std::mem::replace(&mut self.settings, settings);
         if former.filter != self.settings.filter {
-            self.load()?;
+            if let Err(e) = self.load() {
+                // The former settings stay, and what was made for them.
+                self.settings = former;
+                self.load()?;
+                return Err(e);
+            }
         } else if former != self.settings {
             self.scene = None;
         }

@@ -157,13 +157,25 @@ pub(crate) fn settings(knobs: &str) -> Result<Knobs> {
 pub(crate) fn open(
     method: &PeaksCpu,
     volume: &Volume,
+    scene: (&[Surface], Option<&TransferFunction>),
+    view: &View,
+    with: (Channels, &str),
+) -> Result<Box<dyn Renderer>> {
+    open_on(1, method, volume, scene, view, with)
+}
+
+/// The same on some threads.
+pub(crate) fn open_on(
+    threads: usize,
+    method: &PeaksCpu,
+    volume: &Volume,
     (surfaces, tf): (&[Surface], Option<&TransferFunction>),
     view: &View,
     (channels, knobs): (Channels, &str),
 ) -> Result<Box<dyn Renderer>> {
     let request = Request {
         channels,
-        threads: 1,
+        threads,
         knobs: settings(knobs)?,
         ..Request::default()
     };

@@ -24,7 +24,7 @@ struct Eight {
     greater: [u8; TOLD],
     /// There is medium to be seen.
     medium: u8,
-    /// One chord, as it is.
+    /// Plain, with medium, and one chord as it is.
     chord: u8,
     chords: Chords,
 }
@@ -186,10 +186,13 @@ impl<S: Lanes, F: Form> Way<'_, '_, '_, '_, '_, S, F> {
         if let Some(medium) = shared.medium
             && self.sink.is_clear()
         {
-            out.medium = self.seen(medium, least, most);
-            out.chord = self.single(medium, p);
-            let length = ends[1].sub(ends[0]).mul(S::splat(self.length));
-            self.one_chord(medium, n, [p[0], p[F::COUNT - 1]], length, &mut out);
+            out.medium = self.seen(medium, least, most) & u8::MAX >> (LANES - n);
+            // A crossing, or no medium at all, needs no chord.
+            out.chord = out.plain & out.medium & self.single(medium, p);
+            if out.chord != 0 {
+                let length = ends[1].sub(ends[0]).mul(S::splat(self.length));
+                self.one_chord(medium, n, [p[0], p[F::COUNT - 1]], length, &mut out);
+            }
         }
         out
     }
@@ -242,7 +245,8 @@ impl<S: Lanes, F: Form> Way<'_, '_, '_, '_, '_, S, F> {
         first.add(reference).store(&mut start);
         let (mut from, mut to) = ([Sums::default(); LANES], [0.0; LANES]);
         for l in 0..n {
-            if out.medium >> l & 1 == 0 {
+            // Its own chord, or that of the next, which begins with what is at the end of this one.
+            if out.medium >> l & 1 == 0 || out.chord >> l & 3 == 0 {
                 continue;
             }
             let (t, end, sums) = if l == 0 {
@@ -253,6 +257,9 @@ impl<S: Lanes, F: Form> Way<'_, '_, '_, '_, '_, S, F> {
                 (f64::NEG_INFINITY, 0.0, Sums::default())
             };
             c.sums[l] = medium.sums(c.end[l]);
+            if out.chord >> l & 1 == 0 {
+                continue;
+            }
             from[l] = if t == self.run.t0[l] {
                 c.joined |= 1 << l;
                 start[l] = end;
@@ -273,6 +280,9 @@ impl<S: Lanes, F: Form> Way<'_, '_, '_, '_, '_, S, F> {
         let mut factor = [0.0; LANES];
         k.store(&mut factor);
         for l in 0..n {
+            if out.chord >> l & 1 == 0 {
+                continue;
+            }
             let ([d0, r0, g0, b0], [d1, r1, g1, b1]) = (from[l].lanes(), c.sums[l].lanes());
             let (from, to) = ([r0, g0, b0, d0], [r1, g1, b1, d1]);
             for i in 0..4 {

@@ -92,7 +92,7 @@ impl Ray {
             return (miss, Entry::default());
         }
         let steps = sampler.steps(ray.direction);
-        let [first, step, growth] = steps.counted_from(steps.before(walk.t0));
+        let [first, step, growth] = steps.counted_from(steps.before(walk.t0).0);
         let geometric = steps.law() == crate::sampling::Law::Geometric && growth > 0.0;
         let new = Self {
             origin: three(|a| (walk.at(a, walk.t0).clamp(space.lo[a], space.hi[a]) - space.shift()) as f32),

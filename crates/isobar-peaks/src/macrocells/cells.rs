@@ -57,6 +57,7 @@ impl CellRanges {
     }
 
     /// The cells of a macrocell that meet an interval of `wanted`, with others perhaps that come near one.
+    #[inline(always)]
     pub(super) fn mask(&self, slot: usize, macros: &Macrocells, wanted: &Bands) -> u64 {
         let (least, most) = (macros.least.as_flattened()[slot], macros.most.as_flattened()[slot]);
         let per = parts(least, most, self.whole);

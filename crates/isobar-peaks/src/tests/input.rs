@@ -126,6 +126,22 @@ fn what_cannot_be_drawn_is_said() {
     assert!(r.set_data(&thin).is_err());
 }
 
+/// Settings whose coefficients overflow are refused, and those before stay, with the data.
+#[test]
+fn refused_settings_leave_the_former_ones() {
+    let data = grid([9; 3], |x, y, z| if (x + y + z) % 2 == 0 { 3e38 } else { 0.0 });
+    let view = View::fit(data.bounds(), 40.0, 16, 12);
+    let one = [Surface::isovalue(1e38, 0)];
+    for method in [&PEAKS_CPU, &PEAKS_CPU_PAPER] {
+        let mut r = open(method, &data, &one, None, request(1, &[]));
+        let want = image(r.as_mut(), &view);
+        let e = r.set_knobs(&knobs(&[("reconstruction", "cubic-interpolating")])).unwrap_err();
+        assert!(!e.to_string().contains('\n'), "{e}");
+        assert_eq!(image(r.as_mut(), &view), want);
+        assert!(want.t.iter().any(|t| t.is_finite()));
+    }
+}
+
 /// Setters in any order and over and over give the frame of a new renderer; one thread gives the frame of two.
 #[test]
 fn changes_give_the_frame_of_a_new_renderer() {
