@@ -1,4 +1,4 @@
-//! Tables 3.1, 3.2 and 6.4 of Steinberger's thesis, measured again: compositions along a ray, root finders with their budgets, levels of detail.
+//! Tables 3.1, 3.2, 6.1 and 6.4 of Steinberger's thesis, measured again: compositions along a ray, root finders with their budgets, stages of algebraic surfaces, levels of detail.
 //!
 //! Operations are counted by running the compositions on numbers that count. Errors of f32 are against the same composition in f64 (its own error
 //! is 2^-29 of what is measured; that the forms are exact is tested on integers). Answers of root finders are judged by certified roots of the
@@ -15,6 +15,7 @@ use std::path::Path;
 use std::time::Instant;
 
 mod compositions;
+pub mod gains;
 pub mod levels;
 pub mod stages;
 
@@ -34,6 +35,12 @@ pub struct Steinberger {
     /// Table 6.4; none where its data are not there.
     #[serde(default)]
     pub levels: Vec<levels::LevelRow>,
+    /// What levels of detail gain.
+    #[serde(default)]
+    pub gains: Vec<gains::GainRow>,
+    /// Table 6.1.
+    #[serde(default)]
+    pub surfaces: Vec<stages::SurfaceRow>,
     /// Seconds the tables took.
     pub seconds: f64,
 }
@@ -139,7 +146,9 @@ impl Random {
 pub fn measure(cases: &Path) -> Result<Steinberger> {
     let mut out = kernels(cases)?;
     let start = Instant::now();
+    out.surfaces = stages::measure()?;
     out.levels = levels::measure(&cases.join("../../../cache/dragon_128.nrrd"))?;
+    out.gains = gains::measure()?;
     out.seconds += start.elapsed().as_secs_f64();
     Ok(out)
 }
@@ -464,6 +473,25 @@ pub fn write(s: &Steinberger, folder: &Path) -> Result<()> {
         }
     }
     w.flush()?;
+    if !s.gains.is_empty() {
+        let mut w = open("gains.csv")?;
+        for r in &s.gains {
+            w.serialize(r)?;
+        }
+        w.flush()?;
+    }
+    if !s.surfaces.is_empty() {
+        let mut w = open("table-6.1.csv")?;
+        let mut head = vec!["thesis", "degree", "hits"];
+        head.extend(stages::STAGES_6_1);
+        w.write_record(head)?;
+        for r in &s.surfaces {
+            let mut line = vec![r.thesis.to_string(), r.degree.to_string(), r.hits.to_string()];
+            line.extend(r.stages.map(|ms| format!("{ms:.4}")));
+            w.write_record(line)?;
+        }
+        w.flush()?;
+    }
     if !s.levels.is_empty() {
         let mut w = open("table-6.4.csv")?;
         for r in &s.levels {

@@ -3,9 +3,8 @@
 use super::html::{Cell, anchor, escape, number, table};
 use crate::results::{Comparison, Row, Scene};
 use crate::steinberger::Steinberger;
-use crate::steinberger::stages::{DEGREES, KERNELS_6_1, PRINTED_6_1, PRINTED_6_3, STAGES};
+use crate::steinberger::stages::{DEGREES, PRINTED_6_1, PRINTED_6_3, STAGES, STAGES_6_1, SurfaceRow};
 use isobar_octree::stages::Laps;
-use std::fmt::Write;
 
 use crate::measure::STAGED as METHOD;
 
@@ -35,11 +34,9 @@ pub(super) fn section(s: &Steinberger, scenes: &[Scene]) -> String {
          image. Composition and root finding are one column there: a cell whose Bernstein coefficients show no change of sign ends there. The times of the \
          stages are of one thread, of frames drawn tile by tile with a clock between the tile's parts, two of which are taken apart by doing one of their \
          stages again; these frames too were held against the certified roots, and have no wrong pixel. <i>Composition + load</i> holds where rays enter \
-         and leave cells, and the signs. Not here: Table 6.1 for a whole frame, since no method in this table draws a \
-         polynomial as it is; Table 6.2, whose scenes are definitions of their own (<i>Scenes of papers</i>); Table 6.4, since nothing renders from levels of wavelets \
-         yet.</p>\n",
+         and leave cells, and the signs. Table 6.2 is in the scenes, which are definitions of their own (<i>Scenes of papers</i>).</p>\n",
     );
-    out.push_str(&kernels(s));
+    out.push_str(&surfaces(&s.surfaces));
     out
 }
 
@@ -120,29 +117,43 @@ fn scene_cell(s: &Scene, c: &Comparison) -> Cell {
     Cell::with("text", title)
 }
 
-/// What the two inner loops say about Table 6.1.
-fn kernels(s: &Steinberger) -> String {
-    let (form, finder, budget) = KERNELS_6_1;
-    let composition = s.compositions.iter().find(|c| c.form == form && c.degree == 3);
-    let root = s.finders.iter().find(|f| f.name == finder && f.budget == Some(budget));
-    let (Some(c), Some(f)) = (composition, root) else {
+/// Table 6.1.
+fn surfaces(rows: &[SurfaceRow]) -> String {
+    if rows.is_empty() {
         return String::new();
-    };
-    let share = 100.0 * c.nanoseconds / (c.nanoseconds + f.nanoseconds);
-    let mut printed = String::new();
-    for (degree, [composition, root]) in DEGREES.iter().zip(PRINTED_6_1) {
-        let part = 100.0 * composition / (composition + root);
-        let _ = write!(
-            printed,
-            "{}{degree} {} %",
-            if printed.is_empty() { "" } else { ", " },
-            number(part)
-        );
     }
+    let all: Vec<f64> = rows.iter().map(|r| r.stages.iter().sum()).collect();
+    let mut head = vec![("text", "percent of a frame".to_owned())];
+    head.extend(DEGREES.map(|d| ("wrap", format!("{d}, thesis"))));
+    head.extend(rows.iter().map(|r| {
+        let degree = DEGREES.get((r.degree as usize).wrapping_sub(1)).unwrap_or(&"");
+        let how = if r.thesis {
+            "SB1 and LR81, f32"
+        } else {
+            "axis and robust, f64"
+        };
+        ("wrap", format!("{degree}, {how}"))
+    }));
+    let head: Vec<(&str, &str)> = head.iter().map(|(c, t)| (*c, t.as_str())).collect();
+    let mut lines: Vec<_> = (STAGES_6_1.iter().zip(PRINTED_6_1).enumerate())
+        .map(|(i, (stage, printed))| {
+            let mut cells = vec![Cell::text(stage)];
+            cells.extend(printed.map(|x| Cell::with("zero", number(x))));
+            let share = |(r, all): (&SurfaceRow, &f64)| Cell::new(number(100.0 * r.stages[i] / all));
+            cells.extend(rows.iter().zip(&all).map(share));
+            ("", cells)
+        })
+        .collect();
+    let mut last = vec![Cell::text("all, ms")];
+    last.extend(DEGREES.map(|_| Cell::with("zero", "")));
+    last.extend(all.iter().map(|&ms| Cell::new(number(ms))));
+    lines.push(("", last));
     format!(
-        "<p>Table 6.1, of one algebraic surface: composition as a part of composition and root finding is, as printed, {printed}. The same two loops as measured above, \
-         {form} for a tri-cubic cell and {finder} with {budget} iterations on degree 9, one ray after another: {} %.</p>\n",
-        number(share)
+        "<h4>Table 6.1: algebraic surfaces</h4>\n{}<p>The three surfaces of Figure 6.1 in the default view, 1024×768, one thread, the fastest of three frames, by the thesis's \
+         pipeline: a row of pixels goes through one stage after the other, with a clock between them. Once with a composition and the root finder of the thesis, 6 (d + 1) \
+         iterations; once with the composition and the solver that we recommend. The thesis gives no times. <a \
+         href=\"csv/imported/steinberger2010/table-6.1.csv\">table-6.1.csv</a></p>\n",
+        table(&head, &lines)
     )
 }
 
@@ -187,6 +198,23 @@ mod tests {
         );
         assert!(text.contains("224") && text.contains("no clock in it"));
         assert!(text.contains("rootfind") && text.contains("7.50<small>75.0 %"), "{text}");
+        let s = Steinberger {
+            surfaces: vec![
+                SurfaceRow {
+                    thesis: true,
+                    degree: 3,
+                    stages: [1.0, 1.0, 1.0, 1.0, 93.0, 2.0, 1.0],
+                    hits: 7,
+                };
+                3
+            ],
+            ..Steinberger::default()
+        };
+        let text = section(&s, &[scene(row.clone())]);
+        assert!(
+            text.contains("tri-cubic, SB1 and LR81, f32") && text.contains(">93.0<") && text.contains("97.5"),
+            "{text}"
+        );
         let none = Row { counters: vec![], ..row };
         assert_eq!(section(&Steinberger::default(), &[scene(none)]), "");
     }

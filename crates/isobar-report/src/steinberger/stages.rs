@@ -1,7 +1,17 @@
 //! Tables 6.1 and 6.3 of Steinberger's thesis: the stages of a frame.
 //!
 //! The thesis clocked its stages. So does `isobar_octree::stages`, tile by tile on one thread, since the rays of a packet are in different stages at once; `octree/cpu`
-//! itself has no clock in it and counts the work of each stage.
+//! itself has no clock in it and counts the work of each stage. Table 6.1 is of the thesis's three algebraic surfaces, drawn by its pipeline with a clock between the stages of a
+//! row of pixels (`isobar_octree::comparators::algebraic`).
+
+use anyhow::{Result, bail};
+use isobar_core::{Data, View};
+use isobar_fields::Synthetic;
+use isobar_octree::comparators::algebraic::{Composition, Drawn, Extent, Surface, draw};
+use isobar_octree::finders::Finder;
+use serde::{Deserialize, Serialize};
+
+pub use isobar_octree::comparators::algebraic::STAGES as STAGES_6_1;
 
 /// Degrees of the columns.
 pub const DEGREES: [&str; 3] = ["tri-linear", "tri-square", "tri-cubic"];
@@ -54,15 +64,87 @@ pub const PRINTED_6_3: [(&str, [[f64; 3]; 5]); 4] = [
 /// Stages of [`PRINTED_6_3`].
 pub const STAGES: [&str; 5] = ["setup", "traverse", "composition + load", "rootfind", "normal calc + store"];
 
-/// Shares of composition and of root finding in Table 6.1, percent of a frame (paper-numbers: Steinberger2010, Tab6.1): one algebraic surface.
-pub const PRINTED_6_1: [[f64; 2]; 3] = [[3.941, 71.017], [1.823, 93.551], [1.029, 97.489]];
+/// Table 6.1, percent of a frame (paper-numbers: Steinberger2010, Tab6.1): per stage the three degrees. GeForce GTX 285.
+pub const PRINTED_6_1: [[f64; 3]; 7] = [
+    [8.390, 0.903, 0.187],
+    [6.936, 0.743, 0.141],
+    [6.090, 0.676, 0.139],
+    [3.941, 1.823, 1.029],
+    [71.017, 93.551, 97.489],
+    [1.546, 1.732, 0.972],
+    [2.079, 0.571, 0.042],
+];
 
-/// The composition that stands for the thesis's in Table 6.1, and the root finder with its budget 6 (d + 1) for d = 3.
-pub const KERNELS_6_1: (&str, &str, u32) = ("PF", "LR81", 24);
+/// Frames of which the fastest counts.
+const REPEATS: usize = 3;
+
+/// A frame of one of the surfaces of Figure 6.1, 1024x768, one thread.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceRow {
+    /// SB1 and LR81 with 6 (d + 1) iterations in f32, as in the thesis; else the recommended composition and solver in f64.
+    pub thesis: bool,
+    /// Degree per axis.
+    pub degree: u64,
+    /// Milliseconds of the wall clock, by [`STAGES_6_1`].
+    pub stages: [f64; 7],
+    /// Pixels hit.
+    pub hits: u64,
+}
+
+/// Measures Table 6.1, both ways.
+///
+/// # Errors
+/// When a surface cannot be drawn.
+pub fn measure() -> Result<Vec<SurfaceRow>> {
+    let mut out = Vec::new();
+    for thesis in [true, false] {
+        out.push(surface::<1, 4>("a", thesis)?);
+        out.push(surface::<2, 7>("b", thesis)?);
+        out.push(surface::<3, 10>("c", thesis)?);
+    }
+    Ok(out)
+}
+
+fn surface<const D: usize, const M: usize>(letter: &str, thesis: bool) -> Result<SurfaceRow> {
+    let Data::Algebraic(p) = format!("steinberger-{letter},as=algebraic").parse::<Synthetic>()?.data()? else {
+        bail!("steinberger-{letter} is no polynomial");
+    };
+    let view = View::fit((p.lo, p.hi), 40.0, 1024, 768);
+    let iterations = 6 * (D as u32 + 1);
+    let mut best: Option<Drawn> = None;
+    for _ in 0..REPEATS {
+        let drawn = if thesis {
+            let finder = Finder::Lr81 { iterations };
+            draw::<f32, D, M>(&Surface::new(&p)?, &view, Composition::Sb1, &finder, Extent::Box)?
+        } else {
+            let finder = Finder::Robust { width: 1e-9 };
+            draw::<f64, D, M>(&Surface::new(&p)?, &view, Composition::Axis, &finder, Extent::Box)?
+        };
+        if best.as_ref().is_none_or(|b| drawn.total() < b.total()) {
+            best = Some(drawn);
+        }
+    }
+    let Some(best) = best else { bail!("nothing was drawn") };
+    Ok(SurfaceRow {
+        thesis,
+        degree: D as u64,
+        stages: best.stages.map(|s| s.as_secs_f64() * 1e3),
+        hits: best.points.iter().filter(|p| p.is_finite()).count() as u64,
+    })
+}
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The columns of Table 6.1 are parts of a whole.
+    #[test]
+    fn shares_of_table_6_1_sum_to_a_hundred() {
+        for degree in 0..3 {
+            let all: f64 = PRINTED_6_1.iter().map(|s| s[degree]).sum();
+            assert!((all - 100.0).abs() < 0.01, "{}: {all}", DEGREES[degree]);
+        }
+    }
 
     /// The relative half of Table 6.3 follows from the absolute one: the copies hold together.
     #[test]

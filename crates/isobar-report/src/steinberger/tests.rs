@@ -74,10 +74,18 @@ fn tables_are_written() {
     let dir = tempfile::tempdir().unwrap();
     let all = Steinberger {
         levels: vec![levels::LevelRow::default(); 6],
+        gains: vec![gains::GainRow::default(); 6],
+        surfaces: vec![stages::SurfaceRow::default(); 6],
         ..tables().clone()
     };
     write(&all, dir.path()).unwrap();
-    for (name, lines) in [("table-3.1.csv", 25), ("table-3.2.csv", 1 + 25 * 9), ("table-6.4.csv", 7)] {
+    for (name, lines) in [
+        ("table-3.1.csv", 25),
+        ("table-3.2.csv", 1 + 25 * 9),
+        ("table-6.4.csv", 7),
+        ("table-6.1.csv", 7),
+        ("gains.csv", 7),
+    ] {
         let text = std::fs::read_to_string(dir.path().join(name)).unwrap();
         assert_eq!(text.lines().count(), lines, "{name}");
     }
