@@ -106,11 +106,8 @@ impl Jets {
         if !even(g) || !even(h) {
             return false;
         }
-        let mut u = [[0.0; WIDE]; 3];
-        for i in 0..WIDE {
-            let at = at(i);
-            (u[0][i], u[1][i], u[2][i]) = (at[0], at[1], at[2]);
-        }
+        let all: [[f64; 3]; WIDE] = std::array::from_fn(at);
+        let u: [Wide; 3] = std::array::from_fn(|a| std::array::from_fn(|i| all[i][a]));
         match g[0] {
             1 => jets::<2, 4>(points, &u, &mut self.points),
             2 => jets::<3, 4>(points, &u, &mut self.points),
