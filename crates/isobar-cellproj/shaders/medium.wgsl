@@ -28,7 +28,8 @@ struct Cell {
 
 @group(0) @binding(3) var<uniform> table: Table;
 @group(0) @binding(4) var<storage, read> texels: array<vec4<f32>>;
-// Of each square where its cells begin, and the end; then the cells.
+// Of each square where its cells begin, and the end; then the cells, or APART and the place of a cell and of the one pixel it is for: those that hide each other in a cycle come once for each
+// pixel, in the pixel's own order.
 @group(0) @binding(5) var<storage, read> starts: array<u32>;
 @group(0) @binding(6) var<storage, read> listed: array<u32>;
 // Of each pixel which of its hits is next, and the end; then depth, colour and minus the opacity of each.
@@ -37,15 +38,19 @@ struct Cell {
 // Premultiplied colour and transmittance.
 @group(0) @binding(9) var<storage, read_write> image: array<vec4<f32>>;
 
-// A cell of a cycle, and the first of those of one cycle.
-const MEMBER: u32 = 0x80000000u;
-const FIRST: u32 = 0x40000000u;
-const NUMBER: u32 = 0x3fffffffu;
+const APART: u32 = 0x80000000u;
+// As in cells.rs, but above the rounding of f32 in a whole image.
+const BESIDE: vec2<f32> = vec2(2e-4, 1.236068e-4);
 const OPAQUE: f32 = 1.5e-6;
 const FAR: f32 = 3e38;
 const BATCH: u32 = 64u;
 
+// Every pixel of the square.
+const ALL: u32 = 64u;
+
+// Cells set up, and the pixel each is for.
 var<workgroup> batch: array<Cell, 64>;
+var<workgroup> wanted: array<u32, 64>;
 
 // The pixel at hand: its ray, what is kept of it, colour and transmittance, and its next hit.
 var<private> ray: vec3<f32>;
@@ -196,32 +201,6 @@ fn blend(c: ptr<function, Cell>, depths: vec2<f32>) {
     }
 }
 
-// Cells that hide each other in a cycle: the pixel's stays in their own order, one after the other.
-fn walk(first: u32, last: u32) {
-    var before = vec2(-1.0, -1.0);
-    loop {
-        var best = vec2(FAR, FAR);
-        for (var j = first; j < last; j++) {
-            let code = listed[j];
-            if j > first && (code & (MEMBER | FIRST)) != MEMBER {
-                break;
-            }
-            var c = set_up(code & NUMBER);
-            let depths = stay(&c);
-            let later = depths.x > before.x || (depths.x == before.x && f32(j - first) > before.y);
-            if depths.y > depths.x && later && depths.x < best.x {
-                best = vec2(depths.x, f32(j - first));
-            }
-        }
-        if best.x == FAR || colour.w <= OPAQUE {
-            return;
-        }
-        var c = set_up(listed[first + u32(best.y)] & NUMBER);
-        blend(&c, stay(&c));
-        before = best;
-    }
-}
-
 // What the planes keep of the ray; nothing where the second is not above the first.
 fn keep() -> vec2<f32> {
     var out = vec2(0.0, FAR);
@@ -255,7 +234,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) l
     let width = u32(view.width);
     let drawn = x < width && y < u32(view.height);
     let pixel = select(0u, (group.y * 8u + local.y) * width + x, drawn);
-    ray = pixel_vector(vec2(f32(x), f32(y)) + 0.5);
+    ray = pixel_vector(vec2(f32(x), f32(y)) + 0.5 + BESIDE);
     stretch = select(length(ray), 1.0, view.parallel != 0u);
     kept = keep();
     colour = select(image[pixel], vec4(0.0, 0.0, 0.0, 1.0), table.passed == 0u);
@@ -264,24 +243,27 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) l
     for (var begin = first; begin < end_of_pass; begin += BATCH) {
         let count = min(BATCH, end_of_pass - begin);
         workgroupBarrier();
-        if lane < count && (listed[begin + lane] & MEMBER) == 0u {
-            batch[lane] = set_up(listed[begin + lane]);
+        if lane < count {
+            let code = listed[begin + lane];
+            if (code & APART) == 0u {
+                batch[lane] = set_up(code);
+                wanted[lane] = ALL;
+            } else {
+                batch[lane] = set_up(listed[code & ~APART]);
+                wanted[lane] = listed[(code & ~APART) + 1u];
+            }
         }
         workgroupBarrier();
         for (var i = 0u; i < count; i++) {
             if !drawn || colour.w <= OPAQUE {
                 break;
             }
-            let code = listed[begin + i];
-            if (code & MEMBER) == 0u {
+            if wanted[i] == ALL || wanted[i] == lane {
                 var c = batch[i];
                 let depths = stay(&c);
                 if depths.y > depths.x {
                     blend(&c, depths);
                 }
-            } else if (code & FIRST) != 0u {
-                // All of the cycle, wherever the pass ends.
-                walk(begin + i, last);
             }
         }
     }

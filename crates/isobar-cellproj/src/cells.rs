@@ -9,6 +9,7 @@
 use crate::camera::Projection;
 use crate::lanes::prefetch;
 use crate::mesh::Cells;
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// A point on the screen of a view: pixels right, pixels down (times depth in perspective), depth; and its value, so that cells find all of a corner in one place.
@@ -28,8 +29,23 @@ pub(crate) struct Screen {
     pixels: Vec<[f32; 2]>,
 }
 
+/// Where in a pixel the medium is looked at: so many pixels right of its centre, and below. Where a face is seen edge-on and a pixel's ray lies in its plane, as they do on lattices seen along an axis, rounding would
+/// put the ray into both cells, or neither. Beside the centre it is in one. No ratio of small numbers, so that no usual face runs along it.
+type Beside = [f64; 2];
+
+/// Far above the rounding of f64 in an image, and below all that its colours show.
+pub(crate) const BESIDE: Beside = [1e-9, 6.180_34e-10];
+/// The same for f32 in a block.
+pub(crate) const BESIDE_F32: Beside = [6e-5, 3.708_2e-5];
+
 impl Screen {
-    pub(crate) fn new(mesh: &Cells, projection: Projection) -> Self {
+    /// The points moved so that rays through centres of pixels are those that were `beside` them.
+    pub(crate) fn new(mesh: &Cells, projection: Projection, [right, down]: Beside) -> Self {
+        let place = |p: DVec3| {
+            let [x, y, z] = projection.rows.map(|r| r.dot(p - projection.eye));
+            let per = if projection.perspective { z } else { 1.0 };
+            [x - right * per, y - down * per, z]
+        };
         let points: Vec<Point> = mesh
             .mesh
             .points
@@ -37,7 +53,7 @@ impl Screen {
             .zip(&mesh.mesh.values[..])
             .with_min_len(4096)
             .map(|(&p, &value)| Point {
-                at: projection.rows.map(|r| r.dot(p - projection.eye)),
+                at: place(p),
                 value: f64::from(value),
             })
             .collect();
@@ -159,7 +175,7 @@ impl CellOnScreen {
         let mut exits = 4;
         for k in 0..4 {
             let n = normals[k];
-            // A face seen exactly edge-on only limits: as an exit at once outside and never inside.
+            // A face seen exactly edge-on only limits: as an exit at once outside and never inside. Rays in its plane, which it would not limit, are none: see [`BESIDE`].
             let (fixed, enters, key): (f64, bool, V3) = if perspective {
                 (at[k], at[k] < 0.0, [-n[0], -n[1], -n[2]])
             } else {
@@ -287,7 +303,6 @@ pub(crate) struct Stay {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
     use isobar_core::{Camera, TetMesh, View};
 
     fn screen(points: &[DVec3], camera: Camera) -> (Cells, Screen) {
@@ -299,7 +314,7 @@ mod tests {
             height: 9,
             clips: vec![],
         };
-        let s = Screen::new(&cells, Projection::new(&view).unwrap());
+        let s = Screen::new(&cells, Projection::new(&view).unwrap(), [0.0; 2]);
         (cells, s)
     }
 

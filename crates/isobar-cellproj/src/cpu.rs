@@ -1,5 +1,6 @@
 //! `cellproj/cpu` as a method.
 
+use crate::faces::{INSIDE, Inside, Look};
 use crate::medium::Model;
 use crate::mesh::{ActiveCell, Cells};
 use crate::mixed::{Draw, Filled, Image, Integration, Settings, Sort, Volume};
@@ -59,6 +60,7 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
             kind: KnobKind::Choice(&["on", "off"]),
         },
         SHADING,
+        INSIDE,
         KnobSpec {
             name: "integration",
             doc: "how a ray's stay in a cell is integrated: 3D table, 2D table at the average thickness, or each by itself to rounding",
@@ -139,6 +141,7 @@ fn rays_with_medium() -> Unsupported {
 struct Output {
     claims: bool,
     smooth: bool,
+    inside: Inside,
 }
 
 /// How hits are written, and how the medium is drawn.
@@ -147,6 +150,7 @@ fn settings(knobs: &Knobs) -> Result<(Output, Settings), RenderError> {
     let output = Output {
         claims: k.word("claims") == "on",
         smooth: k.word("shading") == "smooth",
+        inside: Inside::new(&k),
     };
     Ok((output, medium_settings(&k)))
 }
@@ -232,7 +236,7 @@ impl Cellproj {
             view: self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?,
             nearest_only: self.nearest_only(),
             sort: self.settings.sort,
-            shading: self.shading(),
+            look: self.look(),
             level: self.level,
             stop,
         };
@@ -244,11 +248,13 @@ impl Cellproj {
     }
 
     /// To be called where normals were made.
-    fn shading(&self) -> Shading<'_> {
-        match &self.normals {
+    fn look(&self) -> Look<'_> {
+        let shading = match &self.normals {
             Some(normals) if self.output.smooth => Shading::Smooth(normals),
             _ => Shading::Flat,
-        }
+        };
+        let inside = self.output.inside;
+        Look { shading, inside }
     }
 
     /// Makes the normals, if surfaces are to be shaded with them.
@@ -351,13 +357,13 @@ impl Renderer for Cellproj {
         };
         let total = [AtomicU64::new(0), AtomicU64::new(0)];
         let nearest_only = self.nearest_only();
-        let (request, claims, shading) = (&self.request, self.output.claims, self.shading());
+        let (request, claims, look) = (&self.request, self.output.claims, self.look());
         render_tiles(&self.pool, view, request, stop, &mut frame, |tile, out| {
             let mut write = Write {
                 cells,
                 surfaces,
                 claims,
-                shading,
+                look,
                 out,
             };
             if let Some(image) = &image {

@@ -14,8 +14,6 @@ pub(crate) const LANES: usize = 8;
 
 /// Eight numbers.
 pub(crate) trait Eight: Copy {
-    /// Where lanes go that are moved together.
-    type Together: Copy;
     fn splat(x: f32) -> Self;
     fn load(x: &[f32; LANES]) -> Self;
     fn store(self, to: &mut [f32; LANES]);
@@ -30,20 +28,16 @@ pub(crate) trait Eight: Copy {
     fn max(self, o: Self) -> Self;
     /// The whole number below.
     fn floor(self) -> Self;
+    /// The whole number above.
+    fn ceil(self) -> Self;
     /// Lanes in which `self` is greater, as bits.
     fn above(self, o: Self) -> u32;
     /// `a` where `self` is above 0, else `b`.
     fn positive_or(self, a: Self, b: Self) -> Self;
     /// Entry `index` (below 8) of each lane.
     fn pick(self, index: &[u32; LANES]) -> Self;
-    /// How the lanes of a mask are moved together.
-    fn together(mask: u32) -> Self::Together;
-    /// The lanes of a mask, moved together; what is behind them means nothing.
-    fn packed(self, to: Self::Together) -> Self;
     /// The whole numbers towards 0 of numbers of at least 0 and below 2^31.
     fn whole(self) -> [u32; LANES];
-    /// The whole numbers above the greatest of the first four and of the last four, which are below 2^31.
-    fn ceilings(self) -> [i32; 2];
     /// Between the texels `at`, `at + 1` by the share u and those n further by v; 0 where there are none.
     fn between(texels: &[Texel], at: u32, n: usize, u: f32, v: f32) -> Texel;
 }
@@ -100,27 +94,7 @@ impl Plain {
     }
 }
 
-/// Of each mask the lanes set, ascending, a byte each.
-static TOGETHER: [u64; 256] = {
-    let mut t = [0; 256];
-    let mut mask = 0;
-    while mask < 256 {
-        let (mut lane, mut n) = (0, 0);
-        while lane < 8 {
-            if mask >> lane & 1 == 1 {
-                t[mask] |= lane << (8 * n);
-                n += 1;
-            }
-            lane += 1;
-        }
-        mask += 1;
-    }
-    t
-};
-
 impl Eight for Plain {
-    type Together = [u8; LANES];
-
     #[inline(always)]
     fn splat(x: f32) -> Self {
         Self([x; LANES])
@@ -166,6 +140,10 @@ impl Eight for Plain {
         self.with(self, |a, _| a.floor())
     }
     #[inline(always)]
+    fn ceil(self) -> Self {
+        self.with(self, |a, _| a.ceil())
+    }
+    #[inline(always)]
     fn above(self, o: Self) -> u32 {
         (0..LANES).fold(0, |m, i| m | u32::from(self.0[i] > o.0[i]) << i)
     }
@@ -178,22 +156,8 @@ impl Eight for Plain {
         Self(std::array::from_fn(|i| self.0[index[i] as usize % LANES]))
     }
     #[inline(always)]
-    fn together(mask: u32) -> [u8; LANES] {
-        TOGETHER[mask as usize & 255].to_le_bytes()
-    }
-    #[inline(always)]
-    fn packed(self, to: [u8; LANES]) -> Self {
-        Self(std::array::from_fn(|i| self.0[usize::from(to[i]) % LANES]))
-    }
-    #[inline(always)]
     fn whole(self) -> [u32; LANES] {
         self.0.map(|x| x as u32)
-    }
-    #[inline(always)]
-    fn ceilings(self) -> [i32; 2] {
-        let more = |a: f32, b: f32| if a > b { a } else { b };
-        let of = |v: &[f32]| more(more(v[0], v[2]), more(v[1], v[3])).ceil() as i32;
-        [of(&self.0[..4]), of(&self.0[4..])]
     }
     #[inline(always)]
     fn between(texels: &[Texel], at: u32, n: usize, u: f32, v: f32) -> Texel {
@@ -231,6 +195,7 @@ mod tests {
                 b.min(a),
                 b.max(a),
                 b.floor(),
+                b.ceil(),
                 a.positive_or(b, F::splat(0.5)),
                 a.pick(&[7, 1, 1, 0, 3, 6, 2, 4]),
             ];
@@ -241,17 +206,8 @@ mod tests {
                 out.extend(x.map(|x| if x.is_nan() { 1 } else { x.to_bits() }));
             }
             out.extend([a.above(b), b.above(a)]);
-            for mask in [0u32, 255, 0b1000_0001, 0b0110_1010] {
-                let mut x = [0.0; LANES];
-                b.packed(F::together(mask)).store(&mut x);
-                let set = x.iter().take(mask.count_ones() as usize);
-                out.extend(set.map(|x| if x.is_nan() { 1 } else { x.to_bits() }));
-            }
             let few = F::load(&[0.0, 0.5, 1.0, 254.999, 16_777_215.0, 3.5, 7.25, 99.0]);
             out.extend(few.whole());
-            for v in [few, F::load(&[-64.0, -3.5, -7.0, -2.25, -64.0, 63.1, -1.0, 0.0])] {
-                out.extend(v.ceilings().map(i32::cast_unsigned));
-            }
             let texels: Vec<Texel> = (0..12).map(|i| Texel::new(i as f32, 0.3, -(i as f32).sqrt(), 1.0)).collect();
             for (at, n) in [(0, 3), (5, 4), (6, 4), (7, 4), (u32::MAX, 3)] {
                 let t = F::between(&texels, at, n, 0.3, 0.8);

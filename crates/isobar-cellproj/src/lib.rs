@@ -16,8 +16,11 @@ mod colour_tests;
 mod cpu;
 mod exact;
 mod exterior;
+mod faces;
 #[cfg(feature = "gpu")]
 mod gpu;
+#[cfg(test)]
+mod hostile_tests;
 mod lanes;
 mod measure;
 mod medium;
@@ -30,6 +33,7 @@ mod patch;
 mod raster;
 mod resolve;
 mod setup;
+mod spans;
 mod stays;
 mod surfaces;
 mod tables;

@@ -2,13 +2,13 @@
 
 use crate::blocks::{AREA, Block, CellBins, SIDE};
 use crate::camera::Projection;
-use crate::cells::Screen;
+use crate::cells::{BESIDE, BESIDE_F32, Screen};
 use crate::exterior;
+use crate::faces::Look;
 use crate::lanes::{self, LANES};
 use crate::measure::Lengths;
 use crate::medium::{Medium, Model};
 use crate::mesh::Cells;
-use crate::normals::Shading;
 use crate::order::Order;
 use crate::resolve::{Resolver, Root};
 use crate::setup::Units;
@@ -173,12 +173,12 @@ pub(crate) struct Draw<'a> {
     pub(crate) view: &'a View,
     pub(crate) nearest_only: bool,
     pub(crate) sort: Sort,
-    pub(crate) shading: Shading<'a>,
+    pub(crate) look: Look<'a>,
     pub(crate) level: Level,
     pub(crate) stop: &'a Stop,
 }
 
-/// The points of a view on the screen and its cells front to back; to be called on the pool.
+/// The points of a view on the screen and its cells front to back, for lanes of f32 or in f64; to be called on the pool.
 ///
 /// # Errors
 /// [`RenderError::Memory`], as [`CellBins::new`].
@@ -186,9 +186,9 @@ pub(crate) fn arrange(
     mesh: &Cells,
     volume: &Volume,
     projection: Projection,
-    sort: Sort,
+    (sort, single): (Sort, bool),
 ) -> Result<(Screen, Order, Counts), RenderError> {
-    let screen = Screen::new(mesh, projection);
+    let screen = Screen::new(mesh, projection, if single { BESIDE_F32 } else { BESIDE });
     let mut counts = Counts::default();
     let start = Instant::now();
     let order = match sort {
@@ -210,10 +210,10 @@ pub(crate) fn arrange(
 }
 
 /// The premultiplied colour of a hit and minus its opacity.
-pub(crate) fn hit_colour(surfaces: &Isovalues, shading: Shading<'_>, mesh: &Cells, ray: &Ray, root: &Root) -> Vec4 {
-    let surface = &surfaces.all()[usize::from(surfaces.surface(usize::from(root.isovalue)))];
+pub(crate) fn hit_colour(surfaces: &Isovalues, look: Look<'_>, mesh: &Cells, ray: &Ray, root: &Root) -> Vec4 {
+    let (surface, normal) = look.of(surfaces, mesh, ray, root);
     let alpha = surface.opacity.clamp(0.0, 1.0);
-    let [r, g, b] = shade(surface.colour, shading.normal(mesh, ray, root), ray.direction).map(|c| c * alpha);
+    let [r, g, b] = shade(surface.colour, normal, ray.direction).map(|c| c * alpha);
     Vec4::new(r, g, b, -alpha)
 }
 
@@ -226,7 +226,7 @@ impl Draw<'_> {
         let Some(projection) = Projection::new(self.view) else {
             return Ok(None);
         };
-        let (screen, order, mut counts) = arrange(self.mesh, self.volume, projection, self.sort)?;
+        let (screen, order, mut counts) = arrange(self.mesh, self.volume, projection, (self.sort, self.is_single()))?;
         let visible = &self.filled.visible;
         let bins = CellBins::new(self.mesh, &screen, &order.cells, |c| visible[c as usize])?;
         counts.entries = bins.len();
@@ -263,9 +263,15 @@ impl Draw<'_> {
         })
     }
 
+    /// Whether it is done in lanes of f32.
+    fn is_single(&self) -> bool {
+        let tabled = !matches!(self.filled.lookup, Lookup::Exact(_));
+        tabled && self.sort != Sort::Centroids && self.view.clips.is_empty()
+    }
+
     /// By a table.
     fn tabled<T: Table>(&self, screen: &Screen, bins: &CellBins, order: &Order, table: &T) -> Image {
-        if self.sort == Sort::Centroids || !self.view.clips.is_empty() {
+        if !self.is_single() {
             return self.exactly(screen, bins, order, table);
         }
         let groups = groups(order);
@@ -405,7 +411,7 @@ impl Draw<'_> {
             for root in roots {
                 out.all.push(Crossing {
                     depth: root.t * forward.dot(ray.direction),
-                    colour: hit_colour(self.surfaces, self.shading, self.mesh, &ray, root),
+                    colour: hit_colour(self.surfaces, self.look, self.mesh, &ray, root),
                 });
             }
         }

@@ -1,10 +1,11 @@
 //! Cells of a block as affine functions of its pixels in f32, set up eight at a time in f64: what [`crate::cells`] says of one cell.
 //!
 //! **Keys** are without a unit and relative to the scene, so that f32 has them as well far away: with D the depth of the farthest corner of the mesh's bounds they are D/z - 1 in
-//! perspective, else (D - z)/U with D the middle depth of the bounds and U half their extent in depth. Greater is nearer. Pixels count from the block's first one.
+//! perspective, else (D - z)/U with D the middle depth of the bounds and U half their extent in depth. Greater is nearer. A cell's keys count from a *base* of its own, the key of the mean depth of its corners:
+//! small cells in large meshes have them as exactly. Pixels count from the block's first one.
 //!
-//! **Values** are in nodes of the table. At the key k a ray's value is S + w E, where S is affine on the screen, E = k/(1 + k) and w = (value at the eye) - S in perspective,
-//! E = k and w a constant of the cell otherwise.
+//! **Values** are in nodes of the table. At the key k above the base B a ray's value is S + w E, where S, the value at the base, is affine on the screen, E = k/(1 + B + k) and w = (value at the eye) - S in
+//! perspective, E = k and w a constant of the cell otherwise. A cell that reaches behind the eye has base 0.
 //!
 //! **Faces seen edge-on.** Keys above 1e9 in the block are held there, as if the face were turned by less than 1e-7 pixels: none is lost, and f32 keeps its range.
 
@@ -93,6 +94,8 @@ pub(crate) struct Flat {
     pub(crate) a: [f32; LANES],
     pub(crate) b: [f32; LANES],
     pub(crate) c: [f32; LANES],
+    /// The key from which keys count.
+    pub(crate) base: f32,
     /// The value at the eye, or w.
     pub(crate) eye: f32,
     /// Least and greatest value.
@@ -180,8 +183,8 @@ fn point<S: Lanes>(at: &[[f64; LANES]; 16], i: usize) -> V3<S> {
 struct Eights {
     /// Of the four keys and S: a, b, c.
     affine: [[[f64; LANES]; 3]; 5],
-    /// Eye, least, most.
-    values: [[f64; LANES]; 3],
+    /// Base, eye, least, most.
+    values: [[f64; LANES]; 4],
     /// Lanes in which rays enter by each face.
     enters: [u8; 4],
 }
@@ -202,8 +205,9 @@ impl WithLanes for SetUp<'_> {
                 }
                 let [a, b, c] = &eights.affine[4];
                 (flat.a[4], flat.b[4], flat.c[4]) = (a[l] as f32, b[l] as f32, c[l] as f32);
-                let [eye, least, most] = &eights.values;
-                (flat.eye, flat.least, flat.most) = (eye[l] as f32, least[l] as f32, most[l] as f32);
+                let [base, eye, least, most] = &eights.values;
+                (flat.base, flat.eye) = (base[l] as f32, eye[l] as f32);
+                (flat.least, flat.most) = (least[l] as f32, most[l] as f32);
                 flat.entries = set.count_ones() as u8;
                 flat.entry = entry;
             }
@@ -233,12 +237,28 @@ impl SetUp<'_> {
         let normals = [n0, n1, n2, n3];
         let (ox, oy) = (S::splat(self.corner[0]), S::splat(self.corner[1]));
         let scale = S::splat(if perspective { u.depth } else { 1.0 / u.unit });
-        let offset = S::splat(if perspective { -1.0 } else { u.depth / u.unit });
+        let zero_depth = S::splat(u.depth);
+        let z = [
+            point::<S>(at, 0)[2],
+            point::<S>(at, 1)[2],
+            point::<S>(at, 2)[2],
+            point::<S>(at, 3)[2],
+        ];
+        let middle = z[0].add(z[1]).add(z[2].add(z[3])).mul(S::splat(0.25));
+        let (middle, offset, base) = if perspective {
+            // Not nearer than keys of MOST, nor behind the eye.
+            let ahead = z[0].min(z[1]).min(z[2].min(z[3])).above(S::splat(u.depth / MOST));
+            let middle = middle.where_or(ahead, zero_depth);
+            let near = zero_depth.div(middle);
+            (middle, zero.sub(near), near.sub(S::splat(1.0)))
+        } else {
+            (middle, middle.mul(scale), zero_depth.sub(middle).mul(scale))
+        };
         let least = S::splat(if perspective { u.depth / MOST } else { 1.0 / (u.unit * MOST) });
         let side = S::splat(SIDE as f64);
         let mut out = Eights {
             affine: [[[0.0; LANES]; 3]; 5],
-            values: [[0.0; LANES]; 3],
+            values: [[0.0; LANES]; 4],
             enters: [0; 4],
         };
         for k in 0..4 {
@@ -264,22 +284,21 @@ impl SetUp<'_> {
         for (i, g) in g.iter_mut().enumerate() {
             *g = n1[i].mul(rises[0]).add(n2[i].mul(rises[1])).add(n3[i].mul(rises[2]));
         }
-        let constant = s[0].sub(dot(g, h0));
-        let beside = g[0].mul(ox).add(g[1].mul(oy));
-        let (depth, [sa, sb, sc]) = (S::splat(u.depth), &mut out.affine[4]);
-        if perspective {
-            g[0].mul(depth).store(sa);
-            g[1].mul(depth).store(sb);
-            constant.add(beside.add(g[2]).mul(depth)).store(sc);
-            constant.store(&mut out.values[0]);
+        let [sa, sb, sc] = &mut out.affine[4];
+        // From corner 0 to the first pixel's ray at the base.
+        let (along, rise) = if perspective {
+            (middle, s[0].sub(dot(g, h0)))
         } else {
-            g[0].store(sa);
-            g[1].store(sb);
-            constant.add(beside).add(g[2].mul(depth)).store(sc);
-            zero.sub(g[2].mul(S::splat(u.unit))).store(&mut out.values[0]);
-        }
-        s[0].min(s[1]).min(s[2].min(s[3])).store(&mut out.values[1]);
-        s[0].max(s[1]).max(s[2].max(s[3])).store(&mut out.values[2]);
+            (S::splat(1.0), zero.sub(g[2].mul(S::splat(u.unit))))
+        };
+        let to = [ox.mul(along).sub(h0[0]), oy.mul(along).sub(h0[1]), middle.sub(h0[2])];
+        g[0].mul(along).store(sa);
+        g[1].mul(along).store(sb);
+        s[0].add(dot(g, to)).store(sc);
+        base.store(&mut out.values[0]);
+        rise.store(&mut out.values[1]);
+        s[0].min(s[1]).min(s[2].min(s[3])).store(&mut out.values[2]);
+        s[0].max(s[1]).max(s[2].max(s[3])).store(&mut out.values[3]);
         out
     }
 }
@@ -325,7 +344,7 @@ mod tests {
                     height,
                     clips: vec![],
                 };
-                let screen = Screen::new(&cells, Projection::new(&view).unwrap());
+                let screen = Screen::new(&cells, Projection::new(&view).unwrap(), [0.0; 2]);
                 let (from, per) = (-3.0, 255.0 / 6.0);
                 let units = Units::new(&screen.projection, cells.bounds, (from, per));
                 let first = screen.projection.first_pixel();
@@ -365,18 +384,18 @@ mod tests {
                         let (px, py) = (corner[0] + f64::from(x), corner[1] + f64::from(y));
                         let Some(stay) = c.stay(perspective, px, py) else { continue };
                         let at = |k: usize| flat.a[k] * x as f32 + flat.b[k] * y as f32 + flat.c[k];
-                        let entry = (0..c.entries).map(at).fold(units.start(), f32::min);
-                        let exit = (c.entries..4).map(at).fold(units.behind(), f32::max);
+                        let entry = (0..c.entries).map(at).fold(units.start() - flat.base, f32::min);
+                        let exit = (c.entries..4).map(at).fold(units.behind() - flat.base, f32::max);
                         for (key, depth) in [(entry, stay.from), (exit, stay.to)] {
                             // A steep face's key is off by the rounding of where the pixel lies.
                             let steep = (0..4).map(|k| flat.a[k].abs() + flat.b[k].abs()).fold(0.0, f32::max);
-                            let error = (key - units.key(depth)).abs();
+                            let error = (flat.base + key - units.key(depth)).abs();
                             let scale = if perspective { 1.0 / (4.0 + away as f32) } else { 1.0 };
                             assert!(
                                 error <= 1e-5 * (scale + steep),
                                 "{away} {perspective} {cell}: {key} {depth} {error}"
                             );
-                            let e = if perspective { key / (1.0 + key) } else { key };
+                            let e = if perspective { key / (1.0 + flat.base + key) } else { key };
                             let w = if perspective { flat.eye - at(4) } else { flat.eye };
                             let value = (at(4) + e * w).clamp(flat.least, flat.most);
                             let g = c.start[0] * px

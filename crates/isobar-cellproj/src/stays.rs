@@ -1,23 +1,20 @@
 //! The medium by tables, eight pixels at a time in f32: what [`crate::volume`] does in f64 for integration of each stay by itself, for clipping planes and for orders that have to be checked.
 //!
-//! A block's cells come in batches: corners gathered, set up eight at a time ([`crate::setup`]), then drawn one after the other, a run of eight pixels of a row at once: keys of entry and
-//! exit. The stays found go into a queue, moved together, and from there eight at a time to lengths, values and nodes of the table; texels are fetched stay by stay, two at a load. A queue, because a
-//! run holds some four stays: lanes are full, and no branch depends on how many there are. Surface hits cut stays as in [`crate::volume`].
+//! A block's cells come in batches: corners gathered, set up eight at a time ([`crate::setup`]), then drawn one after the other. A cell's pixels are listed first, row by row between the columns that its edges
+//! leave, eight rows at once; then eight of the list at a time, whatever their rows, to keys of entry and exit, lengths, values and nodes of the table. What they give goes into a queue, and from there stay by stay to
+//! the texels, two at a load. So lanes are full but for the last of a cell, and no branch depends on how many there are. Surface hits cut stays as in [`crate::volume`].
 //!
-//! **Error.** Keys and values are off by some 1e-7 of the mesh's extent in depth and of the range, lengths by as much: below the tables' own error (`colour_tests.rs` holds both ways against each other).
+//! **Error.** Keys count from a depth in the middle of the cell, so that they and the values are off by some 1e-7 of the cell's own extent, however small it is in the mesh: below the tables' own error
+//! (`colour_tests.rs` and `hostile_tests.rs` hold both ways against each other).
 
 use crate::blocks::{AREA, Block, Entry, SIDE};
 use crate::lanes::{Eight, LANES, Plain, WithEight, prefetch};
 use crate::setup::{BATCH, Corners, Flat, SetUp, Units, gather};
-use crate::tables::Table;
+use crate::spans::{Cell, Run, STEPS, Spans};
+use crate::tables::{Spot, Table};
 use crate::volume::{Crossings, OPAQUE, Scene, VolumeWork};
 use glam::Vec4;
 use isobar_cpu::{Level, packet};
-
-/// Lanes as steps.
-const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
-/// Columns beyond every block.
-const BEYOND: f32 = 2.0 * SIDE as f32;
 
 /// One block to draw.
 pub(crate) struct DrawBlock<'a, T> {
@@ -53,12 +50,14 @@ impl<T: Table> WithEight for DrawBlock<'_, T> {
             };
             packet::run(self.level, set_up);
             for flat in &flats[..batch.len()] {
-                let kept = if self.scene.groups.is_empty() {
-                    None
-                } else {
-                    canvas.flush::<F, T>(&self, true);
-                    canvas.grouped(&self, flat.entry.cell, &mut group)
-                };
+                let mut kept = None;
+                if !self.scene.groups.is_empty() {
+                    let here = self.scene.groups.get(&flat.entry.cell).copied();
+                    if here.is_some() || group.is_some() {
+                        canvas.flush::<F, T>(&self);
+                        kept = canvas.grouped(&self, here, &mut group);
+                    }
+                }
                 canvas.cell::<F, T>(&self, flat, kept);
             }
             // The last ones first: of an image with holes they tell soonest that it is not opaque.
@@ -66,7 +65,7 @@ impl<T: Table> WithEight for DrawBlock<'_, T> {
                 break;
             }
         }
-        canvas.flush::<F, T>(&self, true);
+        canvas.flush::<F, T>(&self);
         if let Some((_, stays)) = group {
             canvas.sorted(&self, stays);
         }
@@ -123,10 +122,11 @@ impl<'a, I: Iterator<Item = &'a Entry>> Ahead<I> {
 #[derive(Debug, Clone, Copy)]
 struct Stay {
     pixel: u16,
-    /// Keys of entry and exit.
+    /// The cell's base, and the keys of entry and exit above it.
+    base: f32,
     entry: f32,
     exit: f32,
-    /// The value at key 0 and its rise, and the range of the cell's.
+    /// The value at the base and its rise, and the range of the cell's.
     start: f32,
     rise: f32,
     least: f32,
@@ -136,86 +136,30 @@ struct Stay {
 /// A cycle's number and its stays.
 type Group = Option<(u32, Vec<Stay>)>;
 
-/// The columns between which a row may meet a cell: lanes 0 to 3 the first, 4 to 7 minus the last, as affine functions of the row.
-struct Spans<F> {
-    slope: F,
-    constant: F,
-}
-
-impl<F: Eight> Spans<F> {
-    /// Inside, the key of each of the `E` entries is above that of each exit.
-    #[inline(always)]
-    fn new<const E: usize>(a: F, b: F, c: F) -> Self {
-        let (entries, exits): ([u32; LANES], [u32; LANES]) = match E {
-            1 => ([0; LANES], [1, 2, 3, 3, 1, 2, 3, 3]),
-            2 => ([0, 0, 1, 1, 0, 0, 1, 1], [2, 3, 2, 3, 2, 3, 2, 3]),
-            _ => ([0, 1, 2, 2, 0, 1, 2, 2], [3; LANES]),
-        };
-        const SIGNS: [f32; LANES] = [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0];
-        let side = F::splat(SIDE as f32);
-        let sizes = a.abs().add(b.abs()).mul(side).add(c.abs());
-        let size = sizes.pick(&entries).add(sizes.pick(&exits));
-        let da = a.pick(&entries).sub(a.pick(&exits));
-        let db = b.pick(&entries).sub(b.pick(&exits));
-        let dc = c.pick(&entries).sub(c.pick(&exits));
-        let (zero, signs) = (F::splat(0.0), F::load(&SIGNS));
-        let one = signs.div(da);
-        // Above the rounding of keys and of all that follows.
-        let margin = F::splat(1e-3).add(size.mul(F::splat(1e-6)).mul(one.abs()));
-        let limits = da.mul(signs);
-        Self {
-            slope: limits.positive_or(zero.sub(db.mul(one)), zero),
-            constant: limits.positive_or(zero.sub(dc.mul(one)).sub(margin), F::splat(-BEYOND)),
-        }
-    }
-
-    /// First and last column of a row.
-    #[inline(always)]
-    fn columns(&self, y: F) -> (i32, i32) {
-        // Undefined where nothing limits: then NaN is every column.
-        let v = self
-            .slope
-            .mul(y)
-            .add(self.constant)
-            .max(F::splat(-BEYOND))
-            .min(F::splat(BEYOND));
-        let [first, minus_last] = v.ceilings();
-        (first, -minus_last)
-    }
-}
-
-/// What a cell's rows have in common.
-struct Cell<'a, F> {
-    flat: &'a Flat,
-    /// Per column: keys and S.
-    a: [F; 5],
-    eye: F,
-    least: F,
-    most: F,
-}
-
-/// A run of pixels in a cell.
-struct Run<F> {
-    entry: F,
-    exit: F,
-    /// S and its rise.
-    start: F,
-    rise: F,
-}
-
-/// Stays waiting.
-const QUEUE: usize = 128;
-
-/// Stays found and not blended yet, front to back in each pixel.
-struct Queue {
-    /// Pixel, width, keys of entry and exit, S and its rise, least and most; lanes may reach beyond the last.
-    rows: [[f32; QUEUE + LANES]; 8],
+/// The pixels whose rays may meet a cell, row by row; lanes may reach beyond the last.
+struct Pixels {
+    /// Column and row, length per difference of keys, and the key of the next hit, this only where there are hits.
+    rows: [[f32; AREA + LANES]; 4],
     n: usize,
 }
 
-/// Eight entries of a row from `at`, which is at most [`QUEUE`].
+/// Stays waiting at most.
+const QUEUE: usize = 256;
+
+/// Stays found and not blended yet, front to back in each pixel; lanes may reach beyond the last.
+struct Queue {
+    pixel: [u32; QUEUE + LANES],
+    /// Where they are looked up.
+    first: [u32; QUEUE + LANES],
+    shares: [[f32; QUEUE + LANES]; 3],
+    /// Whether some opacity may exceed 1.
+    dense: bool,
+    n: usize,
+}
+
+/// Eight entries of a row from `at`, which leaves room for them.
 #[inline(always)]
-fn part(row: &mut [f32; QUEUE + LANES], at: usize) -> &mut [f32; LANES] {
+fn part<T>(row: &mut [T], at: usize) -> &mut [T; LANES] {
     (&mut row[at..at + LANES]).try_into().expect("as many as lanes")
 }
 
@@ -228,9 +172,9 @@ struct Canvas {
     /// Key of the next hit of each pixel, and which it is.
     next: Box<[f32; AREA + LANES]>,
     place: Vec<u32>,
-    /// Key of where rays start.
-    start: f32,
-    behind: f32,
+    /// Whether the block has hits.
+    hit: bool,
+    pixels: Box<Pixels>,
     queue: Box<Queue>,
     /// Centred coordinates of the first pixel.
     corner: [f64; 2],
@@ -261,10 +205,16 @@ impl Canvas {
             stretch: Box::new(std::array::from_fn(stretch)),
             next: Box::new(std::array::from_fn(next)),
             place: c.starts[..AREA].to_vec(),
-            start: job.units.start(),
-            behind: job.units.behind(),
+            hit: !c.all.is_empty(),
+            pixels: Box::new(Pixels {
+                rows: [[0.0; AREA + LANES]; 4],
+                n: 0,
+            }),
             queue: Box::new(Queue {
-                rows: [[0.0; QUEUE + LANES]; 8],
+                pixel: [0; QUEUE + LANES],
+                first: [0; QUEUE + LANES],
+                shares: [[0.0; QUEUE + LANES]; 3],
+                dense: false,
                 n: 0,
             }),
             corner,
@@ -274,187 +224,149 @@ impl Canvas {
 
     /// Blends the stays in a cell, or keeps them.
     #[inline(always)]
-    fn cell<F: Eight, T: Table>(&mut self, job: &DrawBlock<'_, T>, flat: &Flat, kept: Option<&mut Vec<Stay>>) {
+    fn cell<F: Eight, T: Table>(&mut self, job: &DrawBlock<'_, T>, flat: &Flat, mut kept: Option<&mut Vec<Stay>>) {
         self.work.cells += 1;
-        // How many faces rays enter by is known to the compiler: a cell's loops are unrolled.
-        match (job.units.perspective, flat.entries) {
-            (true, 0) => self.rows::<F, T, true, 0>(job, flat, kept),
-            (true, 1) => self.rows::<F, T, true, 1>(job, flat, kept),
-            (true, 2) => self.rows::<F, T, true, 2>(job, flat, kept),
-            (true, 3) => self.rows::<F, T, true, 3>(job, flat, kept),
-            (false, 1) => self.rows::<F, T, false, 1>(job, flat, kept),
-            (false, 2) => self.rows::<F, T, false, 2>(job, flat, kept),
-            (false, 3) => self.rows::<F, T, false, 3>(job, flat, kept),
-            // Left by no face, or entered by none from outside.
-            _ => {}
+        self.find::<F>(flat);
+        let (mut at, apart) = (0, kept.is_some());
+        while at < self.pixels.n {
+            // How many faces rays enter by is known to the compiler: a cell's loops are unrolled.
+            let cut = match (job.units.perspective, flat.entries) {
+                (true, 0) => self.pass::<F, T, true, 0>(job, flat, &mut at, apart),
+                (true, 1) => self.pass::<F, T, true, 1>(job, flat, &mut at, apart),
+                (true, 2) => self.pass::<F, T, true, 2>(job, flat, &mut at, apart),
+                (true, 3) => self.pass::<F, T, true, 3>(job, flat, &mut at, apart),
+                (false, 1) => self.pass::<F, T, false, 1>(job, flat, &mut at, apart),
+                (false, 2) => self.pass::<F, T, false, 2>(job, flat, &mut at, apart),
+                (false, 3) => self.pass::<F, T, false, 3>(job, flat, &mut at, apart),
+                // Left by no face, or entered by none from outside.
+                _ => return,
+            };
+            match (cut, &mut kept) {
+                (Some(stays), Some(kept)) => kept.extend(stays.each()),
+                (None, _) if at >= self.pixels.n => return,
+                (cut, _) => {
+                    self.flush::<F, T>(job);
+                    if let Some(stays) = cut {
+                        self.apart(job, &stays);
+                    }
+                }
+            }
         }
     }
 
+    /// Lists the pixels whose rays may meet a cell.
     #[inline(always)]
-    fn rows<F: Eight, T: Table, const P: bool, const E: usize>(
+    fn find<F: Eight>(&mut self, flat: &Flat) {
+        let [y0, y1] = flat.entry.y.map(usize::from);
+        let entries = usize::from(flat.entries);
+        let spans = Spans::new::<F>(flat, entries);
+        let (steps, pixels) = (F::load(&STEPS), &mut *self.pixels);
+        let (mut n, mut block) = (0, y0);
+        while block <= y1 {
+            let (first, count) = if (1..4).contains(&entries) {
+                spans.columns::<F>(block, flat.entry.x)
+            } else {
+                let [from, to] = flat.entry.x.map(u32::from);
+                ([from; LANES], [to + 1 - from; LANES])
+            };
+            for i in 0..LANES.min(y1 + 1 - block) {
+                let (y, first, count) = (block + i, first[i], count[i]);
+                // Most rows are done at once, so that is tried without asking.
+                let mut done = 0;
+                loop {
+                    let (to, x) = ((n + done).min(AREA), first as usize + done);
+                    let from = (y * SIDE + x).min(AREA);
+                    F::splat(x as f32).add(steps).store(part(&mut pixels.rows[0], to));
+                    F::splat(y as f32).store(part(&mut pixels.rows[1], to));
+                    F::load(part(&mut *self.stretch, from)).store(part(&mut pixels.rows[2], to));
+                    if self.hit {
+                        F::load(part(&mut *self.next, from)).store(part(&mut pixels.rows[3], to));
+                    }
+                    done += LANES;
+                    if done >= count as usize {
+                        break;
+                    }
+                }
+                n += count as usize;
+            }
+            block += LANES;
+        }
+        pixels.n = n.min(AREA);
+    }
+
+    /// Puts the stays of a cell's pixels from `at` on into the queue, until it is full or surfaces cut some, which are given back; so are all where `apart`. Moves `at` to where it stopped.
+    #[inline(always)]
+    fn pass<F: Eight, T: Table, const P: bool, const E: usize>(
         &mut self,
         job: &DrawBlock<'_, T>,
         flat: &Flat,
-        mut kept: Option<&mut Vec<Stay>>,
-    ) {
-        let (a, b, c) = (F::load(&flat.a), F::load(&flat.b), F::load(&flat.c));
-        let spans = Spans::new::<E>(a, b, c);
-        let cell = Cell {
-            flat,
-            a: [
-                F::splat(flat.a[0]),
-                F::splat(flat.a[1]),
-                F::splat(flat.a[2]),
-                F::splat(flat.a[3]),
-                F::splat(flat.a[4]),
-            ],
-            eye: F::splat(flat.eye),
-            least: F::splat(flat.least),
-            most: F::splat(flat.most),
-        };
-        let [x0, x1] = flat.entry.x.map(i32::from);
-        for y in usize::from(flat.entry.y[0])..=usize::from(flat.entry.y[1]) {
-            // A row has SIDE stays at most.
-            if self.queue.n > QUEUE - SIDE {
-                self.flush::<F, T>(job, false);
+        at: &mut usize,
+        apart: bool,
+    ) -> Option<Stays> {
+        let cell = Cell::<F>::new(flat, job.units);
+        let (pixels, queue) = (&mut *self.pixels, &mut *self.queue);
+        while *at < pixels.n && queue.n <= QUEUE - LANES {
+            let here = *at % AREA;
+            let left = LANES.min(pixels.n - here);
+            let (x, y) = (
+                F::load(part(&mut pixels.rows[0], here)),
+                F::load(part(&mut pixels.rows[1], here)),
+            );
+            let run = cell.run::<P, E>(x, y);
+            let covered = run.entry.above(run.exit) & (255 >> (LANES - left));
+            *at += LANES;
+            if covered == 0 {
+                continue;
             }
-            let cy = F::splat(y as f32);
-            let (from, to) = if E == 0 { (x0, x1) } else { spans.columns(cy) };
-            let (mut x, to) = (from.max(x0), to.min(x1));
-            let mut row = [0.0; LANES];
-            b.mul(cy).add(c).store(&mut row);
-            while x <= to {
-                let first = F::splat(x as f32).add(F::load(&STEPS));
-                let run = self.run::<F, P, E>(&cell, &row, first);
-                let left = (to - x) as u32;
-                let covered = run.entry.above(run.exit) & (255 >> (7 - left.min(7)));
-                if covered != 0 {
-                    let at = y * SIDE + x as usize;
-                    match &mut kept {
-                        Some(kept) => kept.extend(Stays::new(flat, at, covered, &run).each()),
-                        None => self.queue::<F, T>(job, &cell, (at, first), covered, &run),
-                    }
-                }
-                x += LANES as i32;
-            }
-        }
-    }
-
-    /// The stays of the run from centred coordinates `x`.
-    #[inline(always)]
-    fn run<F: Eight, const P: bool, const E: usize>(&self, cell: &Cell<'_, F>, row: &[f32; LANES], x: F) -> Run<F> {
-        let (mut entry, mut exit) = (F::splat(self.start), F::splat(self.behind));
-        for (k, (a, &row)) in cell.a.iter().zip(row).enumerate().take(4) {
-            let key = a.mul(x).add(F::splat(row));
-            if k < E {
-                entry = key.min(entry);
-            } else {
-                exit = key.max(exit);
-            }
-        }
-        let start = cell.a[4].mul(x).add(F::splat(row[4]));
-        let rise = if P { cell.eye.sub(start) } else { cell.eye };
-        Run {
-            entry,
-            exit,
-            start,
-            rise,
-        }
-    }
-
-    /// Puts a run into the queue, whose first pixel is `at` and whose columns are `x`.
-    #[inline(always)]
-    fn queue<F: Eight, T: Table>(
-        &mut self,
-        job: &DrawBlock<'_, T>,
-        cell: &Cell<'_, F>,
-        (at, x): (usize, F),
-        covered: u32,
-        run: &Run<F>,
-    ) {
-        self.work.fragments += u64::from(covered.count_ones());
-        let lanes = at..at + LANES;
-        let next: &[f32; LANES] = self.next[lanes.clone()].try_into().expect("as many as lanes");
-        if F::load(next).above(run.exit) & covered != 0 {
-            self.flush::<F, T>(job, true);
-            return self.apart(job, &Stays::new(cell.flat, at, covered, run));
-        }
-        let stretch: &[f32; LANES] = self.stretch[lanes].try_into().expect("as many as lanes");
-        let width = run.entry.sub(run.exit).mul(F::load(stretch));
-        let pixel = x.add(F::splat((at / SIDE * SIDE) as f32));
-        let (n, to) = (self.queue.n % QUEUE, F::together(covered));
-        let rows = &mut self.queue.rows;
-        pixel.packed(to).store(part(&mut rows[0], n));
-        width.packed(to).store(part(&mut rows[1], n));
-        run.entry.packed(to).store(part(&mut rows[2], n));
-        run.exit.packed(to).store(part(&mut rows[3], n));
-        run.start.packed(to).store(part(&mut rows[4], n));
-        run.rise.packed(to).store(part(&mut rows[5], n));
-        cell.least.store(part(&mut rows[6], n));
-        cell.most.store(part(&mut rows[7], n));
-        self.queue.n = n + covered.count_ones() as usize;
-    }
-
-    /// Blends what is queued: all, or all but the last few that fill no lanes.
-    #[inline(always)]
-    fn flush<F: Eight, T: Table>(&mut self, job: &DrawBlock<'_, T>, all: bool) {
-        let table = job.scene.integrator;
-        let n = self.queue.n;
-        let full = n / LANES * LANES;
-        for at in (0..if all { n } else { full }).step_by(LANES) {
-            let rows = &mut self.queue.rows;
-            let pixels = F::load(part(&mut rows[0], at)).whole();
-            let width = F::load(part(&mut rows[1], at));
-            let (entry, exit) = (F::load(part(&mut rows[2], at)), F::load(part(&mut rows[3], at)));
-            let (start, rise) = (F::load(part(&mut rows[4], at)), F::load(part(&mut rows[5], at)));
-            let (least, most) = (F::load(part(&mut rows[6], at)), F::load(part(&mut rows[7], at)));
-            let (front, back, length) = if job.units.perspective {
-                let one = F::splat(1.0);
-                let (near, far) = (entry.add(one), exit.add(one));
-                let inverse = one.div(near.mul(far));
-                (entry.mul(far.mul(inverse)), exit.mul(near.mul(inverse)), width.mul(inverse))
-            } else {
-                (entry, exit, width)
-            };
-            let front = start.add(front.mul(rise)).max(least).min(most);
-            let back = start.add(back.mul(rise)).max(least).min(most);
-            let left = LANES.min(n - at);
-            let spots = table.spots(front, back, length, 255 >> (LANES - left));
-            for (i, pixel) in pixels.into_iter().enumerate().take(left) {
-                let pixel = pixel as usize % AREA;
-                let c = self.colour[pixel];
-                if c.w > OPAQUE {
-                    self.colour[pixel] = c + T::texel::<F>(&spots, i) * c.w;
+            let pixel = x.add(y.mul(F::splat(SIDE as f32))).whole();
+            if self.hit || apart {
+                let next = F::load(part(&mut pixels.rows[3], here)).sub(F::splat(flat.base));
+                if apart || next.above(run.exit) & covered != 0 {
+                    return Some(Stays::new(flat, pixel, covered, &run));
                 }
             }
+            self.work.fragments += u64::from(covered.count_ones());
+            let (front, back, length) = cell.ends::<P>(&run, F::load(part(&mut pixels.rows[2], here)));
+            let spots = job.scene.integrator.spots(front, back, length, covered);
+            let n = queue.n % QUEUE;
+            *part(&mut queue.pixel, n) = pixel;
+            *part(&mut queue.first, n) = spots.first;
+            for (row, shares) in queue.shares.iter_mut().zip(&spots.shares) {
+                *part(row, n) = *shares;
+            }
+            queue.dense |= spots.dense;
+            // Lanes without a stay among them have length 0, which adds nothing.
+            queue.n = n + left;
         }
-        if all {
-            self.queue.n = 0;
-            return;
+        None
+    }
+
+    /// Blends what is queued.
+    #[inline(always)]
+    fn flush<F: Eight, T: Table>(&mut self, job: &DrawBlock<'_, T>) {
+        let (table, queue) = (job.scene.integrator, &mut *self.queue);
+        for i in 0..queue.n.min(QUEUE) {
+            let pixel = queue.pixel[i] as usize % AREA;
+            let c = self.colour[pixel];
+            if c.w > OPAQUE {
+                let spot = Spot {
+                    first: queue.first[i],
+                    shares: [queue.shares[0][i], queue.shares[1][i], queue.shares[2][i]],
+                    dense: queue.dense,
+                };
+                self.colour[pixel] = c + table.texel::<F>(spot) * c.w;
+            }
         }
-        for row in &mut self.queue.rows {
-            let rest = F::load(part(row, full));
-            rest.store(part(row, 0));
-        }
-        self.queue.n = n - full;
+        (queue.n, queue.dense) = (0, false);
     }
 
     /// The same where surfaces cut the stays.
     #[cold]
     #[inline(never)]
     fn apart<T: Table>(&mut self, job: &DrawBlock<'_, T>, stays: &Stays) {
+        self.work.fragments += u64::from(stays.covered.count_ones());
         for stay in stays.each() {
             self.mix(job, &stay);
-        }
-    }
-
-    /// The length between two keys, in the table's unit.
-    fn length(&self, perspective: bool, pixel: usize, from: f32, to: f32) -> f32 {
-        let length = (from - to) * self.stretch[pixel];
-        if perspective {
-            length / ((1.0 + from) * (1.0 + to))
-        } else {
-            length
         }
     }
 
@@ -467,20 +379,26 @@ impl Canvas {
     /// A stay, cut by the hits inside.
     fn mix<T: Table>(&mut self, job: &DrawBlock<'_, T>, stay: &Stay) {
         let (perspective, i) = (job.units.perspective, usize::from(stay.pixel));
+        let near = 1.0 + stay.base;
         let value = |key: f32| {
-            let e = if perspective { key / (1.0 + key) } else { key };
+            let e = if perspective { key / (near + key) } else { key };
             (stay.start + e * stay.rise).max(stay.least).min(stay.most)
         };
         let mut from = stay.entry;
         let mut stretch = |canvas: &mut Self, to: f32| {
             if to < from && canvas.colour[i].w > OPAQUE {
-                let length = canvas.length(perspective, i, from, to);
+                let length = (from - to) * canvas.stretch[i];
+                let length = if perspective {
+                    length / ((near + from) * (near + to))
+                } else {
+                    length
+                };
                 canvas.add(i, job.scene.integrator.one::<Plain>(value(from), value(to), length));
                 from = to;
             }
         };
-        while self.next[i] > stay.exit {
-            let hit = self.next[i];
+        while self.next[i] - stay.base > stay.exit {
+            let hit = self.next[i] - stay.base;
             stretch(self, hit);
             self.surface(job, i);
         }
@@ -501,11 +419,15 @@ impl Canvas {
         };
     }
 
-    /// Where the stays of a cell in a cycle are kept until all of them are there; `None` for other cells.
+    /// Where the stays of a cell in a cycle are kept until all of them are there; `None` for other cells. Nothing is queued then.
     #[cold]
     #[inline(never)]
-    fn grouped<'g, T: Table>(&mut self, job: &DrawBlock<'_, T>, cell: u32, group: &'g mut Group) -> Option<&'g mut Vec<Stay>> {
-        let here = job.scene.groups.get(&cell).copied();
+    fn grouped<'g, T: Table>(
+        &mut self,
+        job: &DrawBlock<'_, T>,
+        here: Option<u32>,
+        group: &'g mut Group,
+    ) -> Option<&'g mut Vec<Stay>> {
         if let Some((_, stays)) = group.take_if(|g| here != Some(g.0)) {
             self.sorted(job, stays);
         }
@@ -515,10 +437,11 @@ impl Canvas {
 
     /// Cells that hide each other in a cycle: each pixel's stays in their own order.
     fn sorted<T: Table>(&mut self, job: &DrawBlock<'_, T>, mut stays: Vec<Stay>) {
-        let key = |s: &Stay| (s.pixel, s.entry, s.exit);
+        let key = |s: &Stay, key: f32| f64::from(s.base) + f64::from(key);
         stays.sort_by(|a, b| {
-            let ((i, a0, a1), (j, b0, b1)) = (key(a), key(b));
-            i.cmp(&j).then(b0.total_cmp(&a0)).then(b1.total_cmp(&a1))
+            let (entries, exits) = ((key(a, a.entry), key(b, b.entry)), (key(a, a.exit), key(b, b.exit)));
+            let order = a.pixel.cmp(&b.pixel);
+            order.then(entries.1.total_cmp(&entries.0)).then(exits.1.total_cmp(&exits.0))
         });
         self.work.sorted += stays.len() as u64;
         self.work.fragments += stays.len() as u64;
@@ -539,29 +462,30 @@ impl Canvas {
     }
 }
 
-/// The stays of a run, lane by lane.
+/// The stays of eight pixels, lane by lane.
 struct Stays {
-    /// The first pixel.
-    at: usize,
+    pixel: [u32; LANES],
     covered: u32,
     /// Key of entry and exit, S and its rise.
     lanes: [[f32; LANES]; 4],
+    base: f32,
     least: f32,
     most: f32,
 }
 
 impl Stays {
     #[inline(always)]
-    fn new<F: Eight>(flat: &Flat, at: usize, covered: u32, run: &Run<F>) -> Self {
+    fn new<F: Eight>(flat: &Flat, pixel: [u32; LANES], covered: u32, run: &Run<F>) -> Self {
         let mut lanes = [[0.0; LANES]; 4];
         run.entry.store(&mut lanes[0]);
         run.exit.store(&mut lanes[1]);
         run.start.store(&mut lanes[2]);
         run.rise.store(&mut lanes[3]);
         Self {
-            at,
+            pixel,
             covered,
             lanes,
+            base: flat.base,
             least: flat.least,
             most: flat.most,
         }
@@ -570,7 +494,8 @@ impl Stays {
     fn each(&self) -> impl Iterator<Item = Stay> + '_ {
         let covered = (0..LANES).filter(|i| self.covered >> i & 1 != 0);
         covered.map(|i| Stay {
-            pixel: (self.at + i) as u16,
+            pixel: self.pixel[i] as u16,
+            base: self.base,
             entry: self.lanes[0][i],
             exit: self.lanes[1][i],
             start: self.lanes[2][i],

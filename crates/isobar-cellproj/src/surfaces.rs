@@ -2,8 +2,8 @@
 
 use crate::bvh::Bvh;
 use crate::camera::Projection;
+use crate::faces::Look;
 use crate::mesh::{ActiveCell, Cells};
-use crate::normals::Shading;
 use crate::patch::{Maker, Patch};
 use crate::raster::{Bins, CHUNK, Keys, Patches, TileBuffer};
 use crate::resolve::{Resolver, Root};
@@ -153,7 +153,7 @@ pub(crate) struct Write<'a, 'b> {
     pub(crate) cells: &'a Cells,
     pub(crate) surfaces: &'a Isovalues,
     pub(crate) claims: bool,
-    pub(crate) shading: Shading<'a>,
+    pub(crate) look: Look<'a>,
     pub(crate) out: &'a mut TileOut<'b>,
 }
 
@@ -214,15 +214,15 @@ impl Write<'_, '_> {
         self.out.set_pixel(x, y, &pixel);
     }
 
-    /// Hits shaded with other normals than they are given with.
-    fn smooth(&self, ray: &Ray, roots: &[Root]) -> [f32; 4] {
+    /// Hits with other colours, or shaded with other normals, than they are given with.
+    fn colour(&self, ray: &Ray, roots: &[Root]) -> [f32; 4] {
         let mut blend = Blend::default();
         for root in roots {
             if blend.is_opaque() {
                 break;
             }
-            let surface = &self.surfaces.all()[usize::from(self.surfaces.surface(usize::from(root.isovalue)))];
-            blend.add(surface, self.shading.normal(self.cells, ray, root), ray.direction);
+            let (surface, normal) = self.look.of(self.surfaces, self.cells, ray, root);
+            blend.add(&surface, normal, ray.direction);
         }
         blend.rgba()
     }
@@ -240,9 +240,9 @@ impl Emit for Write<'_, '_> {
         if roots.is_empty() {
             return self.nothing(x, y, covered);
         }
-        if matches!(self.shading, Shading::Smooth(_)) {
+        if !self.look.is_plain() {
             let rgba = if self.out.holds(Channels::RGBA) {
-                self.smooth(ray, roots)
+                self.colour(ray, roots)
             } else {
                 [0.0; 4]
             };

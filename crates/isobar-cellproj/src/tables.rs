@@ -42,26 +42,37 @@ pub(crate) trait Table: Integrator {
     fn per_length(&self) -> f64;
 
     /// Where stretches of length `length` (in units) between values `front` and `back`, in nodes inside the table, are looked up; the lanes `covered` count.
-    fn spots<F: Eight>(&self, front: F, back: F, length: F, covered: u32) -> Spots<'_>;
+    fn spots<F: Eight>(&self, front: F, back: F, length: F, covered: u32) -> Spots;
 
-    /// Premultiplied colour and minus the opacity of lane `i`.
-    fn texel<F: Eight>(spots: &Spots<'_>, i: usize) -> Texel;
+    /// Premultiplied colour and minus the opacity there: nothing for length 0.
+    fn texel<F: Eight>(&self, spot: Spot) -> Texel;
 
     /// Both steps for one stretch.
     fn one<F: Eight>(&self, front: f32, back: f32, length: f32) -> Texel {
-        Self::texel::<F>(&self.spots(F::splat(front), F::splat(back), F::splat(length), 1), 0)
+        let spots = self.spots(F::splat(front), F::splat(back), F::splat(length), 1);
+        self.texel::<F>(Spot {
+            first: spots.first[0],
+            shares: [spots.shares[0][0], spots.shares[1][0], spots.shares[2][0]],
+            dense: spots.dense,
+        })
     }
 }
 
 /// The first of the texels around each lane's stretch, the shares of those next to it along each axis (the last is the length in the 2D table), and whether the opacity of some lane may
 /// exceed 1.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Spots<'a> {
-    texels: &'a [Texel],
-    nodes: usize,
-    first: [u32; LANES],
-    shares: [[f32; LANES]; 3],
-    dense: bool,
+pub(crate) struct Spots {
+    pub(crate) first: [u32; LANES],
+    pub(crate) shares: [[f32; LANES]; 3],
+    pub(crate) dense: bool,
+}
+
+/// The same of one stretch.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Spot {
+    pub(crate) first: u32,
+    pub(crate) shares: [f32; 3],
+    pub(crate) dense: bool,
 }
 
 /// The node before each number of nodes, not the last, and the share of the next.
@@ -248,7 +259,7 @@ impl Table for Table3 {
     }
 
     #[inline(always)]
-    fn spots<F: Eight>(&self, front: F, back: F, length: F, _: u32) -> Spots<'_> {
+    fn spots<F: Eight>(&self, front: F, back: F, length: F, _: u32) -> Spots {
         // Numbers of texels are below 2^24, which f32 has.
         let (n, last) = (F::splat(self.value.nodes as f32), F::splat((self.value.nodes - 2) as f32));
         let most = F::splat((self.value.nodes - 1) as f32);
@@ -259,8 +270,6 @@ impl Table for Table3 {
         v.store(&mut shares[1]);
         w.store(&mut shares[2]);
         Spots {
-            texels: &self.texels,
-            nodes: self.value.nodes,
             first: k.mul(n).add(j).mul(n).add(i).whole(),
             shares,
             dense: false,
@@ -268,11 +277,10 @@ impl Table for Table3 {
     }
 
     #[inline(always)]
-    fn texel<F: Eight>(spots: &Spots<'_>, i: usize) -> Texel {
-        let (n, i) = (spots.nodes, i % LANES);
-        let (at, u, v, w) = (spots.first[i], spots.shares[0][i], spots.shares[1][i], spots.shares[2][i]);
-        let near = F::between(spots.texels, at, n, u, v);
-        let far = F::between(spots.texels, at + (n * n) as u32, n, u, v);
+    fn texel<F: Eight>(&self, spot: Spot) -> Texel {
+        let (n, at, [u, v, w]) = (self.value.nodes, spot.first, spot.shares);
+        let near = F::between(&self.texels, at, n, u, v);
+        let far = F::between(&self.texels, at + (n * n) as u32, n, u, v);
         mix(near, far, w)
     }
 }
@@ -359,7 +367,7 @@ impl Table for Table2 {
     }
 
     #[inline(always)]
-    fn spots<F: Eight>(&self, front: F, back: F, length: F, covered: u32) -> Spots<'_> {
+    fn spots<F: Eight>(&self, front: F, back: F, length: F, covered: u32) -> Spots {
         let (n, last) = (F::splat(self.value.nodes as f32), F::splat((self.value.nodes - 2) as f32));
         let ((i, u), (j, v)) = (split(front, last), split(back, last));
         let mut shares = [[0.0; LANES]; 3];
@@ -367,8 +375,6 @@ impl Table for Table2 {
         v.store(&mut shares[1]);
         length.store(&mut shares[2]);
         Spots {
-            texels: &self.texels,
-            nodes: self.value.nodes,
             first: j.mul(n).add(i).whole(),
             shares,
             dense: length.mul(F::splat(self.densest)).above(F::splat(1.0)) & covered != 0,
@@ -376,15 +382,10 @@ impl Table for Table2 {
     }
 
     #[inline(always)]
-    fn texel<F: Eight>(spots: &Spots<'_>, i: usize) -> Texel {
-        let i = i % LANES;
-        let (u, v, l) = (spots.shares[0][i], spots.shares[1][i], spots.shares[2][i]);
-        let texel = F::between(spots.texels, spots.first[i], spots.nodes, u, v);
-        let factor = if spots.dense && l * -texel.w > 1.0 {
-            -1.0 / texel.w
-        } else {
-            l
-        };
+    fn texel<F: Eight>(&self, spot: Spot) -> Texel {
+        let [u, v, l] = spot.shares;
+        let texel = F::between(&self.texels, spot.first, self.value.nodes, u, v);
+        let factor = if spot.dense && l * -texel.w > 1.0 { -1.0 / texel.w } else { l };
         texel * factor
     }
 }

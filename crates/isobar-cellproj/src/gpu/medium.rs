@@ -1,16 +1,19 @@
 //! The medium: cells into squares in visibility order, hits as lists of pixels, and the kernel that goes through both.
 //!
 //! **Limits.** The image is drawn in bands of rows of squares, each within what a binding holds, and a band in passes of so many cells a square that a device that cuts loops short
-//! (Mesa's software device does after 65,535 turns in all, without a word) is not met: at most [`Limits::cells`] cells of some ten turns each. Cycles of more than [`CYCLE`] cells, which a pixel
-//! goes through in turns as many as their square, are refused.
+//! (Mesa's software device does after 65,535 turns in all, without a word) is not met: at most [`Limits::cells`] cells of some ten turns each.
+//!
+//! **Cycles.** Where cells hide each other in a cycle, each pixel of a square sorts its own stays in them on the CPU; the square then lists, in place of the cells, each stay's cell and pixel, so cycles may have any
+//! number of cells and cost the device what their stays do.
 
 use super::device::{Mesh, Scene};
 use super::source;
 use crate::blocks::CellBins;
 use crate::camera::Projection;
+use crate::cells::{CellOnScreen, Screen};
+use crate::faces::Look;
 use crate::mesh::Cells;
 use crate::mixed::{Counts, Filled, Lookup, Settings, Volume, arrange, hit_colour};
-use crate::normals::Shading;
 use crate::tables::Parts;
 use crate::volume::groups;
 use bytemuck::{Pod, Zeroable};
@@ -24,11 +27,8 @@ use std::time::Duration;
 
 /// Pixels along a side of the squares: those of a workgroup.
 const SQUARE: usize = 8;
-/// Flags of cells in cycles, as in `medium.wgsl`.
-const MEMBER: u32 = 1 << 31;
-const FIRST: u32 = 1 << 30;
-/// Cells of a cycle at most: their square times the turns of setting one up stays below 65,535.
-pub(super) const CYCLE: usize = 64;
+/// A place in the lists of cell and pixel instead of a cell, as in `medium.wgsl`.
+const APART: u32 = 1 << 31;
 
 /// What a pass may have.
 #[derive(Debug, Clone, Copy)]
@@ -150,14 +150,11 @@ impl Draw<'_> {
     pub(super) fn run(&self, hits: &Crossings, stop: &Stop) -> Result<Image, RenderError> {
         let p = &self.scene.projection;
         let columns = p.width.div_ceil(SQUARE);
-        let (screen, order, mut counts) = arrange(self.cells, self.volume, *p, self.settings.sort)?;
-        if let Some(long) = order.groups.iter().map(|g| g.len()).find(|n| *n > CYCLE) {
-            return Err(super::feature(format!("{long} cells that hide each other in a cycle; use cellproj/cpu")).into());
-        }
+        let (screen, order, mut counts) = arrange(self.cells, self.volume, *p, (self.settings.sort, true))?;
         let visible = &self.filled.visible;
         let bins = CellBins::with_side(self.cells, &screen, &order.cells, SQUARE, |c| visible[c as usize])?;
         counts.entries = bins.len();
-        let groups = groups(&order);
+        let cycles = Cycles::new(self.cells, &screen, &bins, &groups(&order), columns);
         let mut out = Image {
             rgba: Vec::with_capacity(p.width * p.height),
             counts,
@@ -165,22 +162,24 @@ impl Draw<'_> {
             bytes: 0,
             passes: 0,
         };
-        for rows in self.bands(&bins, hits, columns) {
-            let squares = squares(&bins, &groups, rows.start * columns..rows.end * columns);
+        for rows in self.bands(&bins, &cycles, hits, columns) {
+            let squares = squares(&bins, &cycles, rows.start * columns..rows.end * columns);
             self.band(&squares, hits, rows, stop, &mut out)?;
         }
         Ok(out)
     }
 
     /// Rows of squares whose lists fit into bindings together; a row alone that does not is left to be refused by name.
-    fn bands(&self, bins: &CellBins, hits: &Crossings, columns: usize) -> Vec<Range<usize>> {
+    fn bands(&self, bins: &CellBins, cycles: &Cycles, hits: &Crossings, columns: usize) -> Vec<Range<usize>> {
         let p = &self.scene.projection;
         let mut out: Vec<Range<usize>> = Vec::new();
         let mut held = [u64::MAX; 3];
         for row in 0..p.height.div_ceil(SQUARE) {
-            let cells = (row * columns..(row + 1) * columns)
-                .flat_map(|s| bins.lists(s))
-                .map(<[_]>::len);
+            let cells = (row * columns..(row + 1) * columns).map(|s| match cycles.0.get(s) {
+                // A stay is three words.
+                Some(listed) => 3 * listed.len(),
+                None => bins.lists(s).map(<[_]>::len).sum(),
+            });
             let pixels = pixels(p, &(row..row + 1));
             let found = hits.starts[pixels.end] - hits.starts[pixels.start];
             let here = [cells.sum::<usize>() as u64 * 4, pixels.len() as u64 * 16, found as u64 * 20];
@@ -276,30 +275,82 @@ fn pixels(p: &Projection, rows: &Range<usize>) -> Range<usize> {
     row(rows.start)..row(rows.end)
 }
 
-fn squares(bins: &CellBins, groups: &HashMap<u32, u32>, numbers: Range<usize>) -> Squares {
+/// What a square lists: a cell, for all pixels or for the one of this number in the square.
+type Listed = (u32, Option<u32>);
+
+/// What each square lists, with the stays in cells of cycles one by one, each pixel's in their own order; empty where there are no cycles.
+struct Cycles(Vec<Vec<Listed>>);
+
+impl Cycles {
+    fn new(mesh: &Cells, screen: &Screen, bins: &CellBins, groups: &HashMap<u32, u32>, columns: usize) -> Self {
+        if groups.is_empty() {
+            return Self(Vec::new());
+        }
+        let p = &screen.projection;
+        let square = |number: usize| {
+            let cells: Vec<u32> = bins.numbered(number).collect();
+            let mut out = Vec::with_capacity(cells.len());
+            for run in cells.chunk_by(|a, b| groups.contains_key(a) && groups.get(a) == groups.get(b)) {
+                if groups.contains_key(&run[0]) {
+                    let corner = [number % columns * SQUARE, number / columns * SQUARE];
+                    stays(mesh, screen, run, corner, &mut out);
+                } else {
+                    out.push((run[0], None));
+                }
+            }
+            out
+        };
+        Self((0..columns * p.height.div_ceil(SQUARE)).into_par_iter().map(square).collect())
+    }
+}
+
+/// The stays of a square's pixels in some cells, each pixel's front to back.
+fn stays(mesh: &Cells, screen: &Screen, cells: &[u32], corner: [usize; 2], out: &mut Vec<Listed>) {
+    let (p, first) = (&screen.projection, screen.projection.first_pixel());
+    let mut found: Vec<(u32, f64, f64, u32)> = Vec::new();
+    for &cell in cells {
+        let corners = mesh.cells[cell as usize].map(|i| screen.points[i as usize].at);
+        let on_screen = CellOnScreen::new(p.perspective, &corners, &[0.0; 4]);
+        for pixel in 0..SQUARE * SQUARE {
+            let (x, y) = (corner[0] + pixel % SQUARE, corner[1] + pixel / SQUARE);
+            if let Some(stay) = on_screen.stay(p.perspective, first[0] + x as f64, first[1] + y as f64) {
+                found.push((pixel as u32, stay.from, stay.to, cell));
+            }
+        }
+    }
+    found.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2)));
+    out.extend(found.iter().map(|f| (f.3, Some(f.0))));
+}
+
+fn squares(bins: &CellBins, cycles: &Cycles, numbers: Range<usize>) -> Squares {
     let mut out = Squares {
         starts: Vec::with_capacity(numbers.len() + 1),
         listed: Vec::new(),
     };
+    let mut apart: Vec<[u32; 2]> = Vec::new();
     for square in numbers {
         out.starts.push(out.listed.len() as u32);
-        if groups.is_empty() {
+        let Some(listed) = cycles.0.get(square) else {
             out.listed.extend(bins.numbered(square));
             continue;
-        }
-        let mut last = None;
-        for cell in bins.numbered(square) {
-            let group = groups.get(&cell).copied();
-            let flags = match group {
-                None => 0,
-                Some(_) if group == last => MEMBER,
-                Some(_) => MEMBER | FIRST,
-            };
-            last = group;
-            out.listed.push(cell | flags);
+        };
+        for &(cell, pixel) in listed {
+            out.listed.push(match pixel {
+                None => cell,
+                Some(pixel) => {
+                    apart.push([cell, pixel]);
+                    APART | (apart.len() - 1) as u32
+                }
+            });
         }
     }
     out.starts.push(out.listed.len() as u32);
+    // Behind the squares' lists; their places count from there.
+    let listed = out.listed.len() as u32;
+    for code in out.listed.iter_mut().filter(|c| **c & APART != 0) {
+        *code = APART | (listed + 2 * (*code & !APART));
+    }
+    out.listed.extend(apart.into_iter().flatten());
     out
 }
 
@@ -311,12 +362,7 @@ pub(super) struct Crossings {
 
 impl Crossings {
     /// To be called on the pool.
-    pub(super) fn new(
-        hits: &super::surfaces::Hits<'_>,
-        surfaces: &Isovalues,
-        shading: Shading<'_>,
-        rays: RayGenerator<'_>,
-    ) -> Self {
+    pub(super) fn new(hits: &super::surfaces::Hits<'_>, surfaces: &Isovalues, look: Look<'_>, rays: RayGenerator<'_>) -> Self {
         let p = &hits.scene.projection;
         let mut out = Self {
             starts: vec![0; p.width * p.height + 1],
@@ -335,7 +381,7 @@ impl Crossings {
                     hits.roots(y * p.width + x, along, &mut roots);
                     counts.push(roots.len());
                     for root in &roots {
-                        let c = hit_colour(surfaces, shading, hits.cells, &ray, root);
+                        let c = hit_colour(surfaces, look, hits.cells, &ray, root);
                         all.push([hits.scene.local(root.t * along), c.x, c.y, c.z, c.w]);
                     }
                 }

@@ -21,6 +21,7 @@ mod surfaces;
 mod tests;
 
 use crate::cpu::{MODEL, SHADING, SORT, TABLE};
+use crate::faces::INSIDE;
 use isobar_core::{
     Camera, DataKind, KnobKind, KnobSpec, Method, MethodInfo, RenderError, Renderer, Request, Scene, Unsupported, View,
 };
@@ -52,6 +53,7 @@ pub(crate) static INFO: MethodInfo = MethodInfo {
             kind: KnobKind::Choice(&["off", "cpu"]),
         },
         SHADING,
+        INSIDE,
         KnobSpec {
             name: "integration",
             doc: "how a ray's stay in a cell is integrated: 3D table, or 2D table at the average thickness",

@@ -6,6 +6,7 @@ use super::surfaces::{Draw, Hits, Patches, Program, Targets, Texel};
 use super::{INFO, check_view};
 use crate::CELLPROJ_CPU;
 use crate::cpu::medium_settings;
+use crate::faces::{Inside, Look};
 use crate::mesh::{ActiveCell, Cells};
 use crate::mixed::{Filled, Settings as MediumSettings, Volume};
 use crate::normals::{Shading, at_points};
@@ -31,6 +32,7 @@ const MOST_LAYERS: usize = 4096;
 struct Settings {
     claims: bool,
     smooth: bool,
+    inside: Inside,
     medium: MediumSettings,
 }
 
@@ -40,6 +42,7 @@ impl Settings {
         Ok(Self {
             claims: k.word("claims") == "cpu",
             smooth: k.word("shading") == "smooth",
+            inside: Inside::new(&k),
             medium: medium_settings(&k),
         })
     }
@@ -232,9 +235,9 @@ impl CellprojRenderer {
                 limits: self.limits,
             };
             let hits = hits(prepared, surfaces, patches, &drawn);
-            let shading = shading(prepared, self.settings.smooth);
+            let look = look(prepared, &self.settings);
             let image = self.pool.install(|| {
-                let crossings = Crossings::new(&hits, surfaces, shading, view.generator());
+                let crossings = Crossings::new(&hits, surfaces, look, view.generator());
                 medium.run(&crossings, stop)
             })?;
             device = device.zip(image.device).map(|(a, b)| a + b);
@@ -254,11 +257,13 @@ fn hits<'a>(prepared: &'a Prepared, surfaces: &'a Isovalues, patches: &'a Patche
     }
 }
 
-fn shading(prepared: &Prepared, smooth: bool) -> Shading<'_> {
-    match &prepared.normals {
-        Some(normals) if smooth => Shading::Smooth(normals),
+fn look<'a>(prepared: &'a Prepared, settings: &Settings) -> Look<'a> {
+    let shading = match &prepared.normals {
+        Some(normals) if settings.smooth => Shading::Smooth(normals),
         _ => Shading::Flat,
-    }
+    };
+    let inside = settings.inside;
+    Look { shading, inside }
 }
 
 impl Renderer for CellprojRenderer {
@@ -377,7 +382,7 @@ impl Renderer for CellprojRenderer {
             ..self.request.clone()
         };
         let hits = hits(prepared, surfaces, patches, drawn);
-        let shading = shading(prepared, self.settings.smooth);
+        let look = look(prepared, &self.settings);
         let rays = view.generator();
         let forward = drawn.scene.projection.rows[2];
         render_tiles(&self.pool, view, &request, &Stop::default(), out, |tile, out| {
@@ -385,7 +390,7 @@ impl Renderer for CellprojRenderer {
                 cells: &prepared.cells,
                 surfaces,
                 claims: false,
-                shading,
+                look,
                 out,
             };
             let mut roots = Vec::new();

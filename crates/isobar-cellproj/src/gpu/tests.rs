@@ -3,6 +3,7 @@
 use super::medium::Limits;
 use super::{INFO, SNIPPETS, source};
 use crate::colour_tests::{Scene, count, cycle, frame_of, glass, smooth, truth, views};
+use crate::hostile_tests::{edge_on, long_cycle};
 use crate::tests::{fire, orthographic, synthetic};
 use crate::{CELLPROJ_CPU, CELLPROJ_GPU};
 use isobar_core::{
@@ -305,6 +306,29 @@ fn a_cycle_is_resolved() {
     assert!((d.p99 - e.p99).abs() < 2e-3 && (d.mean - e.mean).abs() < 1e-3, "{d:?} {e:?}");
 }
 
+/// Cycles of any length, with surfaces in them; rays in the planes of faces.
+#[test]
+fn long_cycles_and_edge_on_faces_are_those_of_the_cpu() {
+    if test_adapter("long_cycles_and_edge_on_faces_are_those_of_the_cpu").is_none() {
+        return;
+    }
+    for n in [22, 100, 400] {
+        let scene = long_cycle(n);
+        let (f, counters, _) = frame_of(&CELLPROJ_GPU, &scene, Knobs::default());
+        assert_eq!(count(&counters, "cells in cycles"), 3 * u64::from(n));
+        let (cpu, _, _) = frame_of(&CELLPROJ_CPU, &scene, Knobs::default());
+        let (most, many) = apart(&cpu, &f);
+        println!("{n}: {most:e}, {many}");
+        assert!(many <= 2, "{n}: {most} {many}");
+    }
+    for (name, scene) in edge_on() {
+        let (f, _, _) = frame_of(&CELLPROJ_GPU, &scene, Knobs::default());
+        let (cpu, _, _) = frame_of(&CELLPROJ_CPU, &scene, Knobs::default());
+        let (most, many) = apart(&cpu, &f);
+        assert!(many == 0, "{name}: {most} {many}");
+    }
+}
+
 /// A frame in many passes and bands is, to the bit, the frame in one.
 #[test]
 fn passes_and_bands_make_no_difference() {
@@ -349,7 +373,7 @@ fn smooth_shading_is_that_of_the_cpu() {
     }
     let data = synthetic("sphere,n=9,as=tets");
     let view = View::bench(120, 90);
-    let knobs = Knobs::default().with("shading", "smooth");
+    let knobs = Knobs::default().with("shading", "smooth").with("inside", 0x20_80ff);
     let (a, _) = draw(&CELLPROJ_CPU, &data, &opaque(&[1.0]), &view, knobs.clone());
     let (b, _) = draw(&CELLPROJ_GPU, &data, &opaque(&[1.0]), &view, knobs);
     let (most, many) = apart(&a, &b);

@@ -4,7 +4,7 @@
 
 #![expect(unsafe_code, reason = "SIMD intrinsics")]
 
-use super::{Eight, LANES, TOGETHER};
+use super::{Eight, LANES};
 use crate::tables::Texel;
 use std::arch::x86_64::*;
 
@@ -28,8 +28,6 @@ pub(super) fn prefetch(at: *const i8) {
 pub(super) struct Ymm(__m256);
 
 impl Eight for Ymm {
-    type Together = __m256i;
-
     #[inline(always)]
     fn splat(x: f32) -> Self {
         Self(op!(_mm256_set1_ps(x)))
@@ -75,6 +73,10 @@ impl Eight for Ymm {
         Self(op!(_mm256_floor_ps(self.0)))
     }
     #[inline(always)]
+    fn ceil(self) -> Self {
+        Self(op!(_mm256_ceil_ps(self.0)))
+    }
+    #[inline(always)]
     fn above(self, o: Self) -> u32 {
         op!(_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(self.0, o.0))).cast_unsigned()
     }
@@ -93,31 +95,10 @@ impl Eight for Ymm {
         )))
     }
     #[inline(always)]
-    fn together(mask: u32) -> __m256i {
-        let bytes = TOGETHER[mask as usize & 255];
-        op!(_mm256_cvtepu8_epi32(_mm_cvtsi64_si128(bytes.cast_signed())))
-    }
-    #[inline(always)]
-    fn packed(self, to: __m256i) -> Self {
-        Self(op!(_mm256_permutevar8x32_ps(self.0, to)))
-    }
-    #[inline(always)]
     fn whole(self) -> [u32; LANES] {
         let mut to = [0; LANES];
         op!(_mm256_storeu_si256(to.as_mut_ptr().cast(), _mm256_cvttps_epi32(self.0)));
         to
-    }
-    #[inline(always)]
-    fn ceilings(self) -> [i32; 2] {
-        op!({
-            let two = _mm256_max_ps(self.0, _mm256_permute_ps::<0b01_00_11_10>(self.0));
-            let one = _mm256_max_ps(two, _mm256_permute_ps::<0b10_11_00_01>(two));
-            let whole = _mm256_cvttps_epi32(_mm256_ceil_ps(one));
-            [
-                _mm_cvtsi128_si32(_mm256_castsi256_si128(whole)),
-                _mm_cvtsi128_si32(_mm256_extracti128_si256::<1>(whole)),
-            ]
-        })
     }
     #[inline(always)]
     fn between(texels: &[Texel], at: u32, n: usize, u: f32, v: f32) -> Texel {

@@ -303,7 +303,7 @@ impl Canvas {
             }
             let scene_surface = &scene.surfaces[usize::from(surface)];
             let opacity = scene_surface.opacity.clamp(0.0, 1.0);
-            let faces = [scene_surface.colour, scene.settings.inside.unwrap_or(scene_surface.colour)];
+            let faces = [false, true].map(|greater| scene.settings.inside.colour(scene.surfaces, surface, greater));
             let texels = faces.map(|[r, g, b]| Vec4::new(r, g, b, 1.0) * opacity);
             for face in FACES.into_iter().filter(|f| turn(*f) > 0) {
                 self.work.triangles += 1;

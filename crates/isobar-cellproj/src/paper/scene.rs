@@ -104,7 +104,7 @@ impl Frame {
     pub(crate) fn new(make: &Make<'_>, projection: Projection) -> Result<Self, RenderError> {
         let mesh = make.mesh;
         let start = Instant::now();
-        let screen = Screen::new(mesh, projection);
+        let screen = Screen::new(mesh, projection, [0.0; 2]);
         let mut order = match make.settings.sort {
             Sort::Centroids => Order::centroids(mesh, &projection),
             Sort::Visibility => {

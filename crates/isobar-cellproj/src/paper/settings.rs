@@ -1,5 +1,6 @@
 //! What the method is and its knobs.
 
+use crate::faces::{INSIDE, Inside};
 use crate::medium::Model;
 use crate::mixed::Sort;
 use isobar_core::{DataKind, KnobKind, KnobSpec, Knobs, MethodInfo, RenderError, Request, ResolvedKnobs, Surface, Unsupported};
@@ -41,15 +42,7 @@ pub(super) static INFO: MethodInfo = MethodInfo {
                 max: 16.0,
             },
         },
-        KnobSpec {
-            name: "inside",
-            doc: "colour of an isosurface's face towards greater values (section 9), 65536 red + 256 green + blue; -1: that of its other face",
-            kind: KnobKind::Int {
-                default: -1,
-                min: -1,
-                max: 0xff_ffff,
-            },
-        },
+        INSIDE,
         KnobSpec {
             name: "volume",
             doc: "3D texture (section 3), 2D texture (section 4), linear opacity, or Stein's texture of the opacity (section 2)",
@@ -112,7 +105,7 @@ pub(super) struct Settings {
     pub(super) texture: usize,
     pub(super) thickening: f64,
     /// The colour of faces towards greater values, if they have one of their own.
-    pub(super) inside: Option<[f32; 3]>,
+    pub(super) inside: Inside,
     pub(super) volume: VolumeKind,
     pub(super) table: usize,
     pub(super) model: Model,
@@ -130,9 +123,7 @@ impl Settings {
             smooth: k.word("shading") == "smooth" && !stencil,
             texture: k.int("texture") as usize,
             thickening: k.float("thickening"),
-            inside: u32::try_from(k.int("inside"))
-                .ok()
-                .map(|rgb| [16, 8, 0].map(|bit| (rgb >> bit & 255) as f32 / 255.0)),
+            inside: Inside::new(&k),
             volume: match k.word("volume") {
                 "table2d" => VolumeKind::Table2,
                 "table3d" => VolumeKind::Table3,

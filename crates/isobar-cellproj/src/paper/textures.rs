@@ -1,6 +1,7 @@
 //! The textures of sections 3, 4, 7, 8 and 10. Values and lengths are scaled so that the first and the last texel's centre are the ends of their range; isosurfaces take
 //! the nearest texel, as theirs hold 0 and 1, volumes are interpolated. What is beyond an end is clamped to it.
 
+use crate::faces::Inside;
 use crate::medium::Medium;
 use crate::normals::front_weight;
 use glam::Vec4;
@@ -97,8 +98,8 @@ pub(crate) struct Making<'a> {
     /// Ascending isovalues with the surface of each.
     pub(crate) isovalues: &'a [(f64, u8)],
     pub(crate) surfaces: &'a [Surface],
-    /// The colour of faces towards greater values, section 9: texels with s_f > s_b. `None`: that of the surface.
-    pub(crate) inside: Option<[f32; 3]>,
+    /// The colour of faces towards greater values: texels with s_f > s_b.
+    pub(crate) inside: Inside,
     /// Texels beside an isovalue that are set as well.
     pub(crate) thickening: f64,
     /// Whether texels have 8 bits.
@@ -157,7 +158,7 @@ impl Isosurfaces {
             }
             mark.count = mark.count.saturating_add(1);
             let opacity = surface.opacity.clamp(0.0, 1.0);
-            let [r, g, b] = making.inside.filter(|_| s_front > s_back).unwrap_or(surface.colour);
+            let [r, g, b] = making.inside.colour(making.surfaces, index, s_front > s_back);
             let colour = Vec4::new(r, g, b, 1.0) * (light * opacity);
             front += colour * weight;
             behind += colour * (1.0 - weight);
@@ -375,7 +376,7 @@ mod tests {
         Making {
             isovalues,
             surfaces,
-            inside: None,
+            inside: Inside::Same,
             thickening: 0.0,
             fixed: false,
         }
