@@ -374,7 +374,7 @@ impl<const HALVES: bool> Line<HALVES> {
         if t0 > t1 {
             let outside = |margin| {
                 let (a, b) = inside(margin);
-                a > b && a.is_finite() && b.is_finite()
+                a > b
             };
             return Entry::Misses {
                 certain: margin.is_some_and(outside),
