@@ -421,3 +421,14 @@ fn refused_data_and_surfaces_change_nothing() {
     assert!((first - 5.25).abs() < 1e-12 && refused, "{first}");
     assert_eq!(hit().0, first);
 }
+
+/// A root whose t is beyond all numbers is no proved miss.
+#[test]
+fn a_root_beyond_all_numbers_is_no_miss() {
+    let far = element([1; 3], |[u, v, w]| [1e10 + u + 0.1 * v * w, v, w], [1, 0, 0], &[0.0, 1.0]);
+    let (all, f) = hits(&hexes(vec![far]), 0.5, &[ray([0.0, 0.4, 0.5], [1e-300, 0.0, 0.0])], 0);
+    assert!(all[0].is_empty() && !f.claim[0].contains(Claim::EMPTY), "{:?}", f.claim);
+    let far = ray([0.0, 0.4, 0.5], [1e-290, 0.0, 0.0]);
+    let e = element([1; 3], |[u, v, w]| [1e10 + u + 0.1 * v * w, v, w], [1, 0, 0], &[0.0, 1.0]);
+    assert_eq!(hits(&hexes(vec![e]), 0.5, &[far], 0).0[0].len(), 1);
+}
