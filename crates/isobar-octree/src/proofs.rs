@@ -101,6 +101,22 @@ fn edges_of_the_domain() {
     }
 }
 
+/// Past the edge of x = 0 and the greatest z: rounding puts the plane of z before that of x, which then decides where the ray enters, a twentieth of a unit too early; and the root
+/// lies between the two. Only a domain shrunk by the bound tells, since the grown one is entered by x too (`walk::ends`).
+#[test]
+fn an_edge_that_rounding_moves() {
+    let data = grid(41, DVec3::splat(0.3), DMat3::IDENTITY, |[x, _, _]| x as f32);
+    // 12 is beyond the last sample, 40 * fl(0.3), by less than its index rounds by; five units in its last place.
+    let five = 5.0 * (12.0f64.next_up() - 12.0);
+    let rays: Vec<Ray> = (0..20)
+        .map(|i| ray([-1.0, 0.5 + 0.55 * f64::from(i), 12.0 + five], [1.0, 0.0, -five]))
+        .collect();
+    // In the first sixth of a voxel: of degree 1, 2 and 3.
+    for isovalue in [0.05, 0.1, 0.15, 0.17, 0.2, 0.22] {
+        hold("edge", &data, isovalue, &rays);
+    }
+}
+
 #[test]
 fn a_plane_behind_the_ray() {
     let data = grid(50, DVec3::ONE, DMat3::IDENTITY, |[x, y, z]| {
