@@ -63,7 +63,8 @@ var<private> end: u32;
 fn set_up(number: u32) -> Cell {
     let corners = cells[number];
     let h = place(corners.x);
-    let s = vec4(points[corners.x].value, points[corners.y].value, points[corners.z].value, points[corners.w].value);
+    // From the table's first value on: what far values have in common would take their digits.
+    let s = vec4(points[corners.x].value, points[corners.y].value, points[corners.z].value, points[corners.w].value) - table.value;
     var a = place(corners.y) - h;
     var b = place(corners.z) - h;
     var d = place(corners.w) - h;
@@ -156,8 +157,8 @@ fn plane_at(i: u32, u: f32, v: f32) -> vec4<f32> {
 // Premultiplied colour and minus the opacity of a stretch.
 fn lookup(front: f32, back: f32, l: f32) -> vec4<f32> {
     let n = table.nodes;
-    let f = node(front - table.value, table.per);
-    let b = node(back - table.value, table.per);
+    let f = node(front, table.per);
+    let b = node(back, table.per);
     let i = b.node * n + f.node;
     if table.planar != 0u {
         let texel = plane_at(i, f.share, b.share);

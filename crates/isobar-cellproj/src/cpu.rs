@@ -9,8 +9,9 @@ use crate::resolve::Resolver;
 use crate::surfaces::{DrawTile, Prepared, Work, Write, nearest_only};
 use glam::Vec3;
 use isobar_core::{
-    Camera, Counters, Data, DataKind, Frame, Function, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
-    RenderTime, Renderer, Request, ResolvedKnobs, Scene, Stage, Stop, Surface, TetMesh, TransferFunction, Unsupported, View,
+    Camera, Counters, Data, DataError, DataKind, Frame, Function, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo,
+    RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Scene, Stage, Stop, Surface, TetMesh, TransferFunction,
+    Unsupported, View,
 };
 use isobar_cpu::scene::{Isovalues, check_clipped_scene, check_open_cuts, check_request};
 use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
@@ -211,6 +212,13 @@ impl Cellproj {
         let (Some(cells), Some(transfer)) = (&self.cells, &self.transfer) else {
             return Ok(());
         };
+        let extent = (cells.bounds.1 - cells.bounds.0).max_element();
+        // Products of three lengths and their reciprocals have to be numbers.
+        if !cells.cells.is_empty() && !(1e-100..=1e100).contains(&extent) {
+            let what =
+                format!("its extent of {extent:e} leaves no room for a medium, which takes 1e-100 to 1e100; scale its points");
+            return Err(DataError::Mesh(what).into());
+        }
         let (volume, settings) = (&mut self.volume, self.settings);
         self.filled = Some(self.pool.install(|| -> Result<Filled, RenderError> {
             if volume.is_none() {

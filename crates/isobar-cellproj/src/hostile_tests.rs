@@ -3,7 +3,7 @@
 use crate::CELLPROJ_CPU;
 use crate::colour_tests::{Scene, count, frame_of, glass, smooth, truth, views};
 use crate::tests::{orthographic, synthetic};
-use isobar_core::{Camera, ClipPlane, DVec3, Data, Frame, Knobs, Surface, TetMesh, TransferFunction, View};
+use isobar_core::{Camera, ClipPlane, DVec3, Data, Frame, Knobs, Method, Request, Surface, TetMesh, TransferFunction, View};
 use isobar_oracle::Model;
 use std::sync::Arc;
 
@@ -281,6 +281,21 @@ fn units_do_not_matter() {
                 }
             }
         }
+    }
+}
+
+/// Where products of lengths are no numbers, a medium is refused with one line.
+#[test]
+fn sizes_without_room_are_refused() {
+    let Data::Tets(base) = &*synthetic("marschner-lobb,n=9,as=tets") else {
+        panic!("a mesh")
+    };
+    for length in [1e-110, 1e110] {
+        let points = base.points.iter().map(|p| *p * length).collect();
+        let mut r = CELLPROJ_CPU.open(&Request::default()).unwrap();
+        r.set_data(&mesh(points, base.cells.to_vec(), base.values.to_vec())).unwrap();
+        let e = r.set_medium(Some(&smooth((0.0, 1.0), 2.0))).unwrap_err().to_string();
+        assert!(e.contains("scale its points") && !e.contains('\n'), "{e}");
     }
 }
 

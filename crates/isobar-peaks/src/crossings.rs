@@ -89,6 +89,11 @@ impl Track {
         self.sign = 0;
     }
 
+    /// Where what is in doubt begins; +inf where nothing is.
+    pub(crate) fn doubted_from(&self) -> f64 {
+        self.doubt.map_or(f64::INFINITY, |d| d.from)
+    }
+
     /// Whether a stretch is in doubt.
     #[inline(always)]
     pub(crate) const fn is_open(&self) -> bool {

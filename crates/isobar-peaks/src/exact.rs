@@ -355,8 +355,13 @@ impl<S: Lanes, F: Form> Way<'_, '_, '_, '_, '_, S, F> {
         let g = self.form.gradient(three(|a| self.walk.at(a, t)));
         let proved = found.error.is_finite();
         if self.sink.hits() == 0 && proved && self.prove {
-            // An error bound holds whatever was before; that nothing was needs all of it proved.
-            self.claim = if self.certain {
+            // An error bound holds whatever was before; that nothing was needs all of it proved, and that no other value is in doubt there.
+            let undecided = self
+                .scratch
+                .tracks
+                .iter()
+                .any(|track| track.doubted_from() <= t + found.error);
+            self.claim = if self.certain && !undecided {
                 Claim::EXISTS | Claim::FIRST
             } else {
                 Claim::empty()

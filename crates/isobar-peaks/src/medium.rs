@@ -192,16 +192,21 @@ impl Medium {
         (line(p.extinction), [line(p.colour[0]), line(p.colour[1]), line(p.colour[2])])
     }
 
-    /// Whether values are so near one another that differences of T lose their digits: there the middle stands for all.
+    /// Whether values are so near one another that differences of T lose their digits: there the middle stands for all. Values far from 0 are not flat over a feature of the transfer function for
+    /// that: they count by their distance, down to where they lose their own digits.
     #[inline(always)]
     fn is_flat(&self, a: f64, b: f64) -> bool {
-        (b - a).abs() <= 1e-7 * (a.abs() + b.abs()) + self.small
+        let size = a.abs() + b.abs();
+        (b - a).abs() <= (1e-7 * size).min(1e-3 * self.narrowest).max(1e-13 * size) + self.small
     }
 
     /// The greatest |b - a| that is flat, of eight pairs.
     #[inline(always)]
     pub(crate) fn flat<S: Lanes>(&self, a: S, b: S) -> S {
-        S::splat(1e-7).mul(a.abs().add(b.abs())).add(S::splat(self.small))
+        let size = a.abs().add(b.abs());
+        let rounding = S::splat(1e-13).mul(size);
+        let most = S::splat(1e-7).mul(size).min(S::splat(1e-3 * self.narrowest));
+        most.max(rounding).add(S::splat(self.small))
     }
 
     /// Optical depth of a stretch of the given world length along which the field runs linearly from value `a` to `b`, with `sums` of both; and its
@@ -432,6 +437,20 @@ mod tests {
         );
         assert_eq!(m.finest(1.26, 9.0), f64::INFINITY);
         assert_eq!(m.narrowest(), 0.25);
+    }
+
+    /// Values far from 0 do not blur a narrow feature: a triangle of half width 0.2 among values from 8e6 on has the depth it has at 0.
+    #[test]
+    fn narrow_peaks_stay_far_from_zero() {
+        let c = [1.0; 3];
+        let at = |o: f64| Medium::new(&tf(&[(o + 4.8, c, 0.0), (o + 5.0, c, 1.0), (o + 5.2, c, 0.0)], 1.0));
+        let depth = |m: &Medium, a: f64, b: f64| m.stretch(a, b, [&m.sums(a), &m.sums(b)], 1.0).0;
+        let (near, far) = (at(0.0), at(8e6));
+        for (a, b) in [(4.0, 6.0), (5.0, 6.0), (4.9, 5.1), (5.15, 4.0)] {
+            let (x, y) = (depth(&near, a, b), depth(&far, 8e6 + a, 8e6 + b));
+            // The values themselves are off by 2^-31.
+            assert!(x > 0.0 && (x - y).abs() < 1e-6 * x, "{a} to {b}: {x} and {y}");
+        }
     }
 
     /// A point far outside of the data does not blur what lies inside.

@@ -288,6 +288,33 @@ fn media_are_those_of_the_cpu() {
     }
 }
 
+/// What far values have in common does not take the digits of a medium's table.
+#[test]
+fn values_far_from_zero() {
+    if test_adapter("values_far_from_zero").is_none() {
+        return;
+    }
+    let Data::Tets(base) = &*synthetic("marschner-lobb,n=9,as=tets") else {
+        panic!("a mesh")
+    };
+    let values: Vec<f32> = base.values.iter().map(|v| (1e7 + 12.0 * f64::from(*v)) as f32).collect();
+    let data = Arc::new(Data::Tets(
+        TetMesh::new(base.points.clone(), base.cells.clone(), values.into()).unwrap(),
+    ));
+    for (name, view) in views() {
+        let scene = Scene {
+            data: data.clone(),
+            surfaces: vec![],
+            transfer: smooth((1e7, 1e7 + 12.0), 2.0),
+            view,
+        };
+        let a = frame_of(&CELLPROJ_CPU, &scene, Knobs::default()).0;
+        let b = frame_of(&CELLPROJ_GPU, &scene, Knobs::default()).0;
+        let (most, many) = apart(&a, &b);
+        assert!(many == 0 && most < 1e-3, "{name}: {most} {many}");
+    }
+}
+
 /// No order exists: each pixel has its own.
 #[test]
 fn a_cycle_is_resolved() {
