@@ -98,7 +98,7 @@ fn the_oracle_and_the_methods_do_not_see_each_other() {
         );
     }
     // Only the program, the report and the crates above the methods see the oracle; methods see no other method.
-    let above = ["isobar", "isobar-report", "isobar-oracle"];
+    let above = ["isobar", "isobar-report", "isobar-oracle", "isobar-scenes"];
     let methods = [
         "isobar-baseline",
         "isobar-cellproj",
@@ -110,6 +110,11 @@ fn the_oracle_and_the_methods_do_not_see_each_other() {
     let mut seen = 0;
     for e in fs::read_dir(root().join("crates")).expect("crates").flatten() {
         let name = e.file_name().to_string_lossy().into_owned();
+        // It sees the oracle, so what tests share is for tests alone.
+        assert!(
+            !text(&name).contains(&"isobar-scenes".to_owned()),
+            "{name} needs isobar-scenes outside of its tests"
+        );
         if above.contains(&name.as_str()) {
             continue;
         }
