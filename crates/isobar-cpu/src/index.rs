@@ -249,11 +249,13 @@ fn fastest(d: [f64; 3]) -> f64 {
     d[0].abs().max(d[1].abs()).max(d[2].abs())
 }
 
-/// Whether the planes that a ray crosses have no finite parameters: directions of some 1e-300 voxels.
+/// Whether so little is left of a direction (some 1e-300 voxels), or it is so long, that planes of a domain which ends at `hi` have no finite parameters: no t is known then, and nothing may be claimed.
+/// `o`: the origin; `inv`: the reciprocals of `d`, 0 for what is 0.
 #[inline(always)]
 #[must_use]
-pub fn overflows(d: [f64; 3], inv: [f64; 3], shift: [f64; 3]) -> bool {
-    (0..3).any(|a| d[a] != 0.0 && !(inv[a].is_finite() && shift[a].is_finite()))
+pub fn overflows(o: [f64; 3], d: [f64; 3], inv: [f64; 3], hi: [f64; 3]) -> bool {
+    let far = |a: usize| (o[a].abs() + hi[a] + 1.0) * inv[a].abs();
+    !(fastest(d) > 0.0 && fastest(d).is_finite() && far(0).is_finite() && far(1).is_finite() && far(2).is_finite())
 }
 
 /// What planes keep of a ray in a domain grown by e.
@@ -344,10 +346,7 @@ impl<const HALVES: bool> Line<HALVES> {
         let d = cleaned(space.index_vector(ray.direction).to_array());
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
         let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
-        // So short a direction that a plane's parameter overflows, or nothing is left of it, or so long that it does itself: no t is known.
-        let far = |a: usize| (o[a].abs() + space.domain.hi[a] + 1.0) * inv[a].abs();
-        let most = fastest(d);
-        if most == 0.0 || !(most.is_finite() && far(0).is_finite() && far(1).is_finite() && far(2).is_finite()) {
+        if overflows(o, d, inv, space.domain.hi.to_array()) {
             return Entry::Misses { certain: false };
         }
         // The stretch inside the domain grown by e on every side, and with it what the planes keep.

@@ -18,6 +18,7 @@
 use glam::DVec3;
 use isobar_core::{ClipPlane, Domain, Ray};
 use isobar_cpu::clip::{Side, kept};
+use isobar_cpu::index::{cleaned, overflows};
 
 /// One value per axis; `array::map` is not inlined into functions compiled for more instructions than the crate.
 #[inline(always)]
@@ -146,10 +147,6 @@ pub(crate) struct Walk {
     pub(crate) loose: f64,
 }
 
-/// Components of a direction below this part of the greatest are taken as 0: their reciprocals would overflow, and they move a position by nothing
-/// that counts on the longest way through a domain.
-const NOTHING: f64 = 1e-100;
-
 /// Whether a ray meets what is kept of the domain.
 #[derive(Debug)]
 pub(crate) enum Entry {
@@ -167,11 +164,13 @@ impl Walk {
     #[inline(always)]
     pub(crate) fn enter(ray: &Ray, space: &Space, clips: &[ClipPlane], error: Option<f64>) -> Entry {
         let o = (space.index_vector(ray.origin - space.domain.origin) + space.shift).to_array();
-        let d = space.index_vector(ray.direction).to_array();
+        let d = cleaned(space.index_vector(ray.direction).to_array());
         let most = d[0].abs().max(d[1].abs()).max(d[2].abs());
-        let d = three(|a| if d[a].abs() < NOTHING * most { 0.0 } else { d[a] });
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
         let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
+        if overflows(o, d, inv, space.hi) {
+            return Entry::Misses { certain: false };
+        }
         // The stretch inside the domain grown by e on every side, and with it what the planes keep.
         let inside = |e: f64, side: Side| {
             let (mut t0, mut t1) = if clips.is_empty() {

@@ -240,7 +240,7 @@ impl Path {
         let d = cleaned(space.index_vector(ray.direction).to_array());
         let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
         let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
-        if overflows(d, inv, shift) {
+        if overflows(o, d, inv, space.hi) {
             return Entry::Misses { certain: false };
         }
         // The stretch inside the domain grown by e on every side.

@@ -250,3 +250,34 @@ fn the_medium_alone_claims_nothing() {
         assert_eq!((hits(&f).len(), f.claim[0]), (0, Claim::empty()));
     }
 }
+
+/// Directions so short that parameters of planes overflow, or almost: a root may be there all the same, so nothing is claimed that the oracle refutes.
+#[test]
+fn directions_of_next_to_nothing_claim_nothing_wrong() {
+    let samples: Vec<f32> = (0..729).map(|i| (i % 9 + i / 9 % 9 + i / 81) as f32).collect();
+    let grid = Grid::new([9; 3], DVec3::ONE, DVec3::ZERO, DMat3::IDENTITY, Samples::F32(samples.into()));
+    let data = Arc::new(Data::Grid(grid.unwrap()));
+    let surfaces = [Surface::isovalue(9.5, 0)];
+    for recon in ["trilinear", "cubic"] {
+        for size in [1.0, 1e-306, 3e-307, 5e-309, 1e-310, 1e-323] {
+            let ray = |p: [f64; 3], d: [f64; 3]| Ray {
+                origin: DVec3::from_array(p),
+                direction: DVec3::from_array(d) * size,
+            };
+            let view = View::rays(vec![
+                ray([-1.0, 3.3, 3.4], [1.0, 0.0, 0.0]),
+                ray([3.0, 3.3, 2.4], [1.0, 0.0, 0.0]),
+                ray([0.5, 3.3, 2.4], [1.0, 0.0, 0.0]),
+                ray([1000.0; 3], [-1.0; 3]),
+                ray([2.0, 3.0, 1.0], [0.0, -1.0, 1.0]),
+            ]);
+            let mut r = open(&PEAKS_CPU, &data, &surfaces, None, request(1, &[("reconstruction", recon)]));
+            let frame = image(r.as_mut(), &view);
+            let f = r.reconstruction(Stage::Stored).unwrap();
+            let truth = Truth::compute(&f, &surfaces, &view, &Stop::default()).unwrap();
+            let c = check(&frame, &truth, &f, &surfaces, &view).unwrap();
+            assert_eq!(c.refuted, 0, "{recon}, {size:e}");
+            assert!(size < 1.0 || c.unclaimed == 0, "{recon}");
+        }
+    }
+}
