@@ -95,7 +95,13 @@ impl Domain {
     /// Geometric mean edge length of one local unit (the voxel), in world units: the length errors are counted in.
     #[must_use]
     pub fn voxel(&self) -> f64 {
-        (self.axes.x_axis.length() * self.axes.y_axis.length() * self.axes.z_axis.length()).cbrt()
+        let lengths = [self.axes.x_axis, self.axes.y_axis, self.axes.z_axis].map(DVec3::length);
+        // Relative to the longest: the product of three lengths below 1e-103 or above 1e102 is none.
+        let longest = lengths.into_iter().fold(0.0, f64::max);
+        if longest == 0.0 {
+            return 0.0;
+        }
+        longest * lengths.into_iter().map(|x| x / longest).product::<f64>().cbrt()
     }
 
     /// The part `[t0, t1]`, `t >= 0`, of a ray inside the box in f64, or `None`. No guarantee: rounding may move the ends by a few
@@ -141,6 +147,17 @@ mod tests {
         // grad of f(x) = u.x is row 0 of the inverse
         let g = d.world_gradient(DVec3::X);
         assert!((g.dot(d.axes.x_axis) - 1.0).abs() < 1e-14 && g.dot(d.axes.y_axis).abs() < 1e-14);
+    }
+
+    #[test]
+    fn a_voxel_has_a_length_at_any_scale() {
+        for scale in [1e-120, 1e-30, 1.0, 1e30, 1e120] {
+            let domain = Domain {
+                axes: DMat3::from_diagonal(DVec3::new(scale, 8.0 * scale, scale)),
+                ..Domain::world_box(DVec3::ZERO, DVec3::ONE)
+            };
+            assert!((domain.voxel() / scale - 2.0).abs() < 1e-14, "{scale}: {}", domain.voxel());
+        }
     }
 
     #[test]

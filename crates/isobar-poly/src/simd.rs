@@ -72,8 +72,10 @@ pub(crate) trait Double: Copy {
 #[derive(Clone, Copy)]
 pub(crate) struct Plain([f32; LANES]);
 
+// In builds for tests the operations on arrays are calls: inlined a thousand times over, and then joined to vectors, they take minutes to compile.
 impl Plain {
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn map(self, o: Self, f: impl Fn(f32, f32) -> f32) -> Self {
         let mut out = self.0;
         for (x, y) in out.iter_mut().zip(o.0) {
@@ -82,7 +84,8 @@ impl Plain {
         Self(out)
     }
 
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn test(self, o: Self, f: impl Fn(f32, f32) -> bool) -> [u32; LANES] {
         let mut out = [0; LANES];
         for (m, (a, b)) in out.iter_mut().zip(self.0.into_iter().zip(o.0)) {
@@ -91,7 +94,8 @@ impl Plain {
         out
     }
 
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn join(mut a: [u32; LANES], b: [u32; LANES], f: impl Fn(u32, u32) -> u32) -> [u32; LANES] {
         for (x, y) in a.iter_mut().zip(b) {
             *x = f(*x, y);
@@ -105,7 +109,8 @@ impl Plain {
 pub(crate) struct PlainDouble([f64; LANES / 2]);
 
 impl PlainDouble {
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn map(mut self, o: Self, f: impl Fn(f64, f64) -> f64) -> Self {
         for (x, y) in self.0.iter_mut().zip(o.0) {
             *x = f(*x, y);
@@ -149,7 +154,8 @@ impl Wide for Plain {
     type Mask = [u32; LANES];
     type Double = PlainDouble;
 
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn widen(self) -> [PlainDouble; 2] {
         let mut out = [[0.0; LANES / 2]; 2];
         for (l, x) in self.0.into_iter().enumerate() {
@@ -157,7 +163,8 @@ impl Wide for Plain {
         }
         out.map(PlainDouble)
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn narrow(x: [PlainDouble; 2]) -> Self {
         let mut out = [0.0; LANES];
         for (l, to) in out.iter_mut().enumerate() {
@@ -218,7 +225,8 @@ impl Wide for Plain {
     fn or(self, o: Self) -> Self {
         self.map(o, |a, b| f32::from_bits(a.to_bits() | b.to_bits()))
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn above(self, o: Self) -> Self::Mask {
         self.test(o, |a, b| a > b)
     }
@@ -234,7 +242,8 @@ impl Wide for Plain {
     fn negative(self) -> Self::Mask {
         self.test(self, |a, _| a.to_bits() >> 31 != 0)
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn where_or(self, m: Self::Mask, o: Self) -> Self {
         let mut out = o.0;
         for l in 0..LANES {
@@ -258,11 +267,13 @@ impl Wide for Plain {
     fn without(a: Self::Mask, b: Self::Mask) -> Self::Mask {
         Self::join(a, b, |a, b| a & !b)
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn any(m: Self::Mask) -> bool {
         m.iter().fold(0, |all, x| all | x) != 0
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn bits(m: Self::Mask) -> u16 {
         m.iter().enumerate().fold(0, |all, (l, x)| all | (((x & 1) as u16) << l))
     }

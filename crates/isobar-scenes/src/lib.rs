@@ -213,6 +213,32 @@ pub fn against(frame: &Frame, renderer: &dyn Renderer, surfaces: &[Surface], vie
     check(frame, &truth(renderer, surfaces, view), &f, surfaces, view).unwrap()
 }
 
+/// Pixels of two frames of `layers` layers that are not alike: another number of hits or other surfaces, t more than 1e-3, a normal more than 0.02 or a colour
+/// more than 1e-3 apart.
+///
+/// # Panics
+/// When the layers of a pixel of `a` are out of order.
+#[must_use]
+pub fn unlike_layers(a: &Frame, b: &Frame, layers: usize) -> usize {
+    let n = a.hits.len();
+    let unlike = |i: &usize| {
+        let i = *i;
+        assert!(
+            (1..layers).all(|l| a.t[l * n + i] >= a.t[(l - 1) * n + i]),
+            "pixel {i} is out of order"
+        );
+        let alike = (0..layers).map(|l| l * n + i).all(|at| {
+            let mut normals = a.normal[at].iter().zip(b.normal[at]);
+            a.surface[at] == b.surface[at]
+                && (a.t[at] == b.t[at] || (a.t[at] - b.t[at]).abs() < 1e-3)
+                && normals.all(|(x, y)| (x - y).abs() < 0.02)
+        });
+        let mut colours = a.rgba[i].iter().zip(b.rgba[i]);
+        a.hits[i] != b.hits[i] || !alike || !colours.all(|(x, y)| (x - y).abs() < 1e-3)
+    };
+    (0..n).filter(unlike).count()
+}
+
 /// Pixels missed, false, on the wrong root, on the wrong surface, and claims refuted.
 #[must_use]
 pub fn wrong(c: &Check) -> [usize; 5] {

@@ -148,8 +148,10 @@ pub fn run<K: WithLanes>(level: Level, kernel: K) -> K::Output {
 #[derive(Debug, Clone, Copy)]
 pub struct Plain([f64; LANES]);
 
+// In builds for tests the operations on arrays are calls: inlined a thousand times over, and then joined to vectors, they take minutes to compile.
 impl Plain {
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn map(mut self, o: Self, f: impl Fn(f64, f64) -> f64) -> Self {
         for (x, y) in self.0.iter_mut().zip(o.0) {
             *x = f(*x, y);
@@ -166,29 +168,34 @@ impl Lanes for Plain {
     fn index(bytes: u64) -> Self::Index {
         bytes.to_le_bytes().map(i32::from)
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn plus(mut i: Self::Index, j: Self::Index) -> Self::Index {
         for l in 0..LANES {
             i[l] += j[l];
         }
         i
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn minus(mut i: Self::Index, j: Self::Index) -> Self::Index {
         for l in 0..LANES {
             i[l] -= j[l];
         }
         i
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn lookup(table: &[i32; 32], i: Self::Index) -> Self::Index {
         i.map(|i| table[i as usize & 31])
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn gather<const N: usize>(table: &[f64; N], i: Self::Index) -> Self {
         Self(i.map(|i| table[i as usize & (N - 1)]))
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn are_in(set: u32, i: Self::Index) -> u8 {
         let mut m = 0;
         for (l, &i) in i.iter().enumerate() {
@@ -196,7 +203,8 @@ impl Lanes for Plain {
         }
         m
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn pack(self, m: u8) -> Self {
         let mut out = self;
         let mut n = 0;
@@ -206,7 +214,8 @@ impl Lanes for Plain {
         }
         out
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn pack_bytes(bytes: u64, m: u8) -> u64 {
         let (from, mut out, mut n) = (bytes.to_le_bytes(), [0; LANES], 0);
         for (l, &byte) in from.iter().enumerate() {
@@ -259,7 +268,8 @@ impl Lanes for Plain {
     fn sqrt(self) -> Self {
         self.map(self, |a, _| a.sqrt())
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn above(self, o: Self) -> u8 {
         let mut m = 0;
         for l in 0..LANES {
@@ -267,7 +277,8 @@ impl Lanes for Plain {
         }
         m
     }
-    #[inline(always)]
+    #[cfg_attr(debug_assertions, inline(never))]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn where_or(mut self, m: u8, o: Self) -> Self {
         for l in 0..LANES {
             self.0[l] = if m >> l & 1 != 0 { self.0[l] } else { o.0[l] };

@@ -1,4 +1,6 @@
 //! Compositions against integers: every form is a sum of products, so on integers it must be exact.
+//!
+//! All forms run on [`Counted`] numbers here: their operations are calls. Inlined, with their checks for overflow, they take a minute to compile.
 
 use super::*;
 
@@ -46,14 +48,26 @@ fn along(a: &[i128], t: i128, scaled: bool) -> i128 {
         .sum()
 }
 
+fn counted_all<T: Copy>(numbers: &[T]) -> Vec<Counted<T>> {
+    numbers.iter().map(|&x| Counted(x)).collect()
+}
+
+/// Coefficients along a ray in `form`.
+fn composed<T: Scalar, const D: usize>(form: Form, f: &[T], r: &[[T; 2]; 3]) -> Vec<T> {
+    // What is not written shows.
+    let unwritten = Counted(T::ONE + T::ONE);
+    let mut out = vec![unwritten; 3 * D + 1];
+    compose::<_, D>(form, &counted_all(f), &r.map(|c| c.map(Counted)), &mut out);
+    out.into_iter().map(|c| c.0).collect()
+}
+
 fn exact<const D: usize>() {
     let mut random = Random(D as u64);
     for _ in 0..50 {
         let f: Vec<i128> = (0..(D + 1).pow(3)).map(|_| random.int(1000)).collect();
         let r: [[i128; 2]; 3] = std::array::from_fn(|_| [random.int(9), random.int(9)]);
         for form in Form::ALL {
-            let mut out = vec![77; 3 * D + 1];
-            compose::<i128, D>(form, &f, &r, &mut out);
+            let out = composed::<i128, D>(form, &f, &r);
             let (takes_scaled, gives_scaled) = match form.basis() {
                 Basis::Power => (false, false),
                 Basis::ScaledBernstein => (true, true),
@@ -121,10 +135,9 @@ fn f32_and_f64_agree_to_rounding() {
     for form in Form::ALL {
         let f: Vec<f32> = (0..64).map(|_| 2.0 * random.unit() - 1.0).collect();
         let r: [[f32; 2]; 3] = std::array::from_fn(|_| [random.unit(), random.unit()]);
-        let (mut narrow, mut wide) = ([0.0; 10], [0.0; 10]);
-        compose::<f32, 3>(form, &f, &r, &mut narrow);
+        let narrow = composed::<f32, 3>(form, &f, &r);
         let f: Vec<f64> = f.iter().map(|x| f64::from(*x)).collect();
-        compose::<f64, 3>(form, &f, &r.map(|c| c.map(f64::from)), &mut wide);
+        let wide = composed::<f64, 3>(form, &f, &r.map(|c| c.map(f64::from)));
         let most = wide.iter().fold(0.0f64, |m, x| m.max(x.abs()));
         for (a, b) in narrow.iter().zip(wide) {
             assert!((f64::from(*a) - b).abs() < 1e-5 * most, "{}: {a} {b}", form.name());
@@ -160,8 +173,7 @@ fn packets_agree_with_single_rays_bit_for_bit() {
                     for lane in 0..WIDTH {
                         let f: Vec<f32> = p.cells.iter().map(|c| c.0[lane]).collect();
                         let r = [p.rays[0], p.rays[1], p.stretch].map(|r| r.map(|c| c.0[lane]));
-                        let mut want = vec![0.0; m];
-                        compose::<f32, D>(form, &f, &r, &mut want);
+                        let want = composed::<f32, D>(form, &f, &r);
                         let got: Vec<f32> = out.iter().map(|c| c.0[lane]).collect();
                         assert_eq!(got, want, "{} D = {D} {level} lane {lane}", form.name());
                     }

@@ -156,24 +156,10 @@ fn layers_and_several_isovalues_are_those_of_the_cpu() {
         &view,
     );
     let n = view.pixels();
-    let (mut unlike, mut hits) = (0, 0u64);
-    for i in 0..n {
-        let same = g.hits[i] == c.hits[i]
-            && (0..4).all(|l| {
-                let at = l * n + i;
-                let (a, b) = (g.normal[at], c.normal[at]);
-                g.surface[at] == c.surface[at]
-                    && (g.t[at] == c.t[at] || (g.t[at] - c.t[at]).abs() < 1e-3)
-                    && (0..3).all(|k| (a[k] - b[k]).abs() < 0.02)
-            })
-            && (0..4).all(|k| (g.rgba[i][k] - c.rgba[i][k]).abs() < 1e-3);
-        unlike += usize::from(!same);
-        hits += u64::from(g.hits[i]);
-        assert!(
-            (1..4).all(|l| g.t[l * n + i] >= g.t[(l - 1) * n + i]),
-            "pixel {i} is out of order"
-        );
-        assert!(g.hits[i] == 0 || g.work[i] > 0, "pixel {i} has hits without fragments");
+    let unlike = isobar_scenes::unlike_layers(&g, &c, 4);
+    let hits: u64 = g.hits.iter().map(|h| u64::from(*h)).sum();
+    for (i, hits) in g.hits.iter().enumerate() {
+        assert!(*hits == 0 || g.work[i] > 0, "pixel {i} has hits without fragments");
     }
     assert!(hits > n as u64 / 2, "{hits} hits");
     assert!([0, 1].iter().all(|s| g.surface.contains(s)) && !g.surface.contains(&2));
