@@ -16,7 +16,8 @@ const U: f64 = 0.5 * f64::EPSILON;
 
 /// How a method bounds what rounding does: it derives these numbers where its polynomials are made.
 ///
-/// u = 2^-53. A position in index space is off per axis by at most E = [`POSITION`](Self::POSITION) u (|eye| + |origin of the grid| + |t d|)/spacing + [`INDEX`](Self::INDEX) u n. The
+/// u = 2^-53. A position in index space is off per axis by at most E = [`POSITION`](Self::POSITION) u (|eye - origin of the grid| + |t d|)/spacing + [`INDEX`](Self::INDEX) u n, the first the
+/// greatest of the three axes where these are the world's. The
 /// *margin* of a ray is [`PART`](Self::PART) E + [`REST`](Self::REST) u: what a coefficient along it is off by, in units of the greatest |datum - isovalue|.
 pub trait Rounding: Debug + Clone + Copy + Send + Sync + 'static {
     /// Roundings of a position, in those of world coordinates; eight times as many, and [`IndexSpace::skew`](IndexSpace) times, where the axes are not those of the world.
@@ -172,17 +173,19 @@ impl<R: Rounding> IndexSpace<R> {
     #[inline(always)]
     #[must_use]
     pub fn position_error(&self, origin: DVec3) -> f64 {
-        let (lo, hi) = self.world;
-        let far = (origin - lo).abs().max((origin - hi).abs()).length();
         let n = self.domain.hi.max_element() + self.shift + 1.0;
-        let world = origin.abs().max_element() + self.domain.origin.abs().max_element() + 2.0 * far;
-        // The inverse of a general matrix loses some more digits, the more the nearer the axes are to a plane.
-        let factor = if self.aligned {
-            R::POSITION
+        // Rays are counted from the origin of the grid, by one subtraction: how far both are from that of the world is nothing to them.
+        let from = (origin - self.domain.origin).abs();
+        let (axes, hi) = (self.domain.axes, self.domain.hi);
+        let to = from + axes.x_axis.abs() * hi.x + axes.y_axis.abs() * hi.y + axes.z_axis.abs() * hi.z;
+        let indices = if self.aligned {
+            let [x, y, z] = self.to_index;
+            ((from + 2.0 * to) * DVec3::new(x.x, y.y, z.z).abs()).max_element()
         } else {
-            8.0 * R::POSITION * self.skew
+            // The inverse of a general matrix loses some more digits, the more the nearer the axes are to a plane.
+            8.0 * self.skew * (from.max_element() + 2.0 * to.length()) * self.scale
         };
-        factor * U * world * self.scale + R::INDEX * U * n
+        R::POSITION * U * indices + R::INDEX * U * n
     }
 
     /// The margin of a ray from `origin`, as far as it can be inside the domain.
@@ -230,6 +233,16 @@ impl<R: Rounding> packet::Space for IndexSpace<R> {
     fn margin(&self, origin: DVec3) -> f64 {
         Self::margin(self, origin)
     }
+}
+
+/// A root that is known no better than to this part of a voxel is vague: its proof holds, and yet more than the rounding of its t may be wrong with the picture.
+const VAGUE: f64 = 1e-5;
+
+/// The error of t from which on a root is vague, for rays that advance by `speed` (units of the world) as t grows by 1. Spacings may differ: a voxel is as long as its shortest edge here.
+#[must_use]
+pub fn vague(domain: &Domain, speed: f64) -> f64 {
+    let a = domain.axes;
+    VAGUE * a.x_axis.length().min(a.y_axis.length()).min(a.z_axis.length()) / speed
 }
 
 /// Components of a direction below this part of the greatest are taken as 0: their reciprocals would overflow, and over the longest way through a domain they move a position by nothing

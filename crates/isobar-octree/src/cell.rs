@@ -97,8 +97,19 @@ impl<'w, F: FnMut(&Root) -> bool> Way<'w, F> {
 
     /// Hands on the roots found, in order. Returns whether to go on.
     fn push_found(&mut self) -> bool {
-        self.scratch.found.sort_by(|x, y| x.t.total_cmp(&y.t));
-        for root in &mut self.scratch.found {
+        let Scratch { found, tracks } = &mut *self.scratch;
+        found.sort_by(|x, y| x.t.total_cmp(&y.t));
+        for i in 0..found.len() {
+            let (t, surface, after) = (found[i].t, found[i].surface, found[i].t + found[i].error);
+            // Of two isovalues, and in either order: one beside the other, or beside a stretch in doubt.
+            let next = found
+                .get(i + 1)
+                .is_some_and(|next| next.surface != surface && next.t - next.error <= after);
+            let mut open = (tracks.iter().enumerate()).filter_map(|(of, track)| Some((of, track.doubt.as_ref()?.from)));
+            if next || tracks.len() > 1 && open.any(|(of, from)| of != surface && from <= after.max(t)) {
+                self.certain = false;
+            }
+            let root = &mut found[i];
             let sure = root.first;
             root.first = self.certain;
             self.certain &= sure;
@@ -107,7 +118,7 @@ impl<'w, F: FnMut(&Root) -> bool> Way<'w, F> {
                 return false;
             }
         }
-        self.scratch.found.clear();
+        found.clear();
         true
     }
 }
@@ -277,7 +288,8 @@ fn close(track: &mut Track, after: Option<bool>, walk: &Walk, surface: usize) ->
             .inv
             .iter()
             .fold(f64::INFINITY, |m, &x| if x == 0.0 { m } else { m.min(x.abs()) });
-    let t = if to - from <= short { at } else { from };
+    // A crossing is where the values say; what may be a plateau begins where it begins.
+    let t = if crossed || to - from <= short { at } else { from };
     Some(Root {
         t,
         surface,

@@ -268,6 +268,7 @@ impl Line {
             bounds,
             flat: vec![false; bounds.len()],
             found: Vec::new(),
+            polynomials: Vec::new(),
             certain: true,
             work,
         };
@@ -307,7 +308,10 @@ struct Along<'a> {
     bounds: &'a [Bounds],
     /// Per isovalue: s = c all through the last cell.
     flat: Vec<bool>,
-    found: Vec<Root>,
+    /// With where their brackets begin, in the part of the ray inside the cell.
+    found: Vec<(Root, f64)>,
+    /// Of the cell, by isovalue: kept where there are several of them.
+    polynomials: Vec<(usize, Vec<Dyadic>)>,
     certain: bool,
     /// In cells crossed.
     work: &'a mut usize,
@@ -328,7 +332,8 @@ impl Along<'_> {
                 continue;
             }
             let places = *ends_of.get_or_insert_with(|| [self.place(cell, t), self.place(cell, te)]);
-            if self.volume.sign(cell, c, places) != 0 {
+            if self.volume.sign(cell, c, places) != 0 || (lo == c || hi == c) && lo < hi && self.is_one_sided(d, c, cell, [t, te])
+            {
                 self.flat[surface] = false;
                 continue;
             }
@@ -345,8 +350,9 @@ impl Along<'_> {
             };
             self.tell(&q, surface, (cell, places), [t, te], ends);
         }
-        self.found.sort_by(|p, q| p.t.total_cmp(&q.t));
-        for mut root in std::mem::take(&mut self.found) {
+        self.put_in_order();
+        self.polynomials.clear();
+        for (mut root, _) in std::mem::take(&mut self.found) {
             let sure = root.first;
             root.first = self.certain;
             self.certain &= sure;
@@ -355,6 +361,77 @@ impl Along<'_> {
             }
         }
         true
+    }
+
+    /// By t; of two isovalues whose brackets meet, the one that s comes to first from where it is before both: the nearer one. Where s is between the two there, nothing is certain from then on.
+    fn put_in_order(&mut self) {
+        self.found.sort_by(|(p, _), (q, _)| p.t.total_cmp(&q.t));
+        for i in 1..self.found.len() {
+            for j in (1..=i).rev() {
+                let [(p, from), (q, beside)] = [&self.found[j - 1], &self.found[j]];
+                if p.surface == q.surface || !p.error.is_finite() || !q.error.is_finite() || q.t - p.t > p.error + q.error {
+                    break;
+                }
+                let before = from.min(*beside);
+                let [s, r] = [p.surface, q.surface].map(|of| self.sign_at(of, before));
+                let higher = self.bounds[p.surface].isovalue > self.bounds[q.surface].isovalue;
+                let right = match (s, r) {
+                    // A root is there already.
+                    (0, _) => true,
+                    (_, 0) => false,
+                    // From below to the lower one, from above to the higher one.
+                    (-1, -1) => !higher,
+                    (1, 1) => higher,
+                    _ => {
+                        self.certain = false;
+                        break;
+                    }
+                };
+                if right {
+                    break;
+                }
+                let (t, later) = (p.t, q.t);
+                self.found.swap(j - 1, j);
+                (self.found[j - 1].0.t, self.found[j].0.t) = (t, later);
+            }
+        }
+    }
+
+    /// The sign of s less an isovalue at a part of the ray inside the cell.
+    fn sign_at(&self, surface: usize, x: f64) -> i32 {
+        let Some((_, q)) = self.polynomials.iter().find(|(of, _)| *of == surface) else {
+            return 0;
+        };
+        let (Some(x), one) = (Dyadic::new(x), Dyadic::whole(1)) else {
+            return 0;
+        };
+        // Horner's rule in x and 1 - x.
+        let rest = &one - &x;
+        let (mut sum, mut power) = (q[0].clone(), one);
+        for c in &q[1..] {
+            power = &power * &x;
+            sum = &(&sum * &rest) + &(c * &power);
+        }
+        sum.sign()
+    }
+
+    /// Whether s keeps clear of an isovalue that is the least or the greatest coefficient of a cell: inside the cell every coefficient counts, on its faces the last or the first along an axis does not.
+    fn is_one_sided(&self, d: &[f64], c: f64, cell: [i32; 3], [t, te]: [&Time; 2]) -> bool {
+        let n = self.volume.degree() + 1;
+        // Along each axis the coefficients that count at a parameter.
+        let count = |t: &Time| {
+            three(|a| {
+                let axis = &self.line.axes[a];
+                let (from, to) = (axis.at(t, cell[a]).is_zero(), axis.at(t, cell[a] + 1).is_zero());
+                (usize::from(to), n - usize::from(from))
+            })
+        };
+        let clear = |[x, y, z]: [(usize, usize); 3]| {
+            let mut rows = (z.0..z.1).flat_map(|k| (y.0..y.1).map(move |j| (k * n + j) * n));
+            rows.any(|row| d[row + x.0..row + x.1].iter().any(|&v| v != c))
+        };
+        // Between the two what counts at either does: where the ray runs in a face, it does so at both.
+        clear(count(t)) && clear(count(te))
     }
 
     /// Where the ray is in a cell.
@@ -406,6 +483,12 @@ impl Along<'_> {
             true
         });
         let whole = told == [ExactRoot::Everywhere];
+        // To bracket a root takes about as long as to compose.
+        let bracketed = told
+            .iter()
+            .filter(|r| matches!(r, ExactRoot::Between(..) | ExactRoot::Close(..)))
+            .count();
+        *self.work += bracketed * COMPOSITION[self.volume.degree()];
         if ends && !whole && q[q.len() - 1].is_zero() {
             told.push(ExactRoot::At(1.0));
         }
@@ -421,7 +504,7 @@ impl Along<'_> {
             let x = 0.5 * (lo + hi);
             let [from, to] = places;
             let at = three(|a| (from[a] + x * (to[a] - from[a])).clamp(0.0, 1.0));
-            self.found.push(Root {
+            let root = Root {
                 t: t0 + x * (t1 - t0),
                 surface,
                 gradient: self.volume.gradient(cell, at, self.bounds[surface].isovalue),
@@ -432,9 +515,13 @@ impl Along<'_> {
                     f64::INFINITY
                 },
                 first: sure,
-            });
+            };
+            self.found.push((root, lo));
         }
         self.flat[surface] = whole;
+        if self.bounds.len() > 1 {
+            self.polynomials.push((surface, q.to_vec()));
+        }
     }
 }
 

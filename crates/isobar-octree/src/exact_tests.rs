@@ -45,14 +45,14 @@ fn noise(dims: [usize; 3], axes: DMat3, seed: u64) -> Arc<Data> {
 }
 
 /// A frame with its renderer, held against the oracle: nothing missed, false, wrong or refuted.
-struct Drawn {
-    frame: Frame,
+pub(crate) struct Drawn {
+    pub(crate) frame: Frame,
     renderer: Box<dyn Renderer>,
-    truth: Truth,
+    pub(crate) truth: Truth,
 }
 
 impl Drawn {
-    fn new(name: &str, kind: Kind, data: &Arc<Data>, isovalues: &[f64], view: &View, channels: Channels) -> Self {
+    pub(crate) fn new(name: &str, kind: Kind, data: &Arc<Data>, isovalues: &[f64], view: &View, channels: Channels) -> Self {
         let surfaces: Vec<_> = isovalues.iter().enumerate().map(|(i, &c)| Surface::isovalue(c, i)).collect();
         let request = Request {
             channels,
@@ -74,12 +74,12 @@ impl Drawn {
         Self { frame, renderer, truth }
     }
 
-    fn count(&self, name: &str) -> u64 {
+    pub(crate) fn count(&self, name: &str) -> u64 {
         self.renderer.counters().0.iter().find(|c| c.0 == name).unwrap().1
     }
 
     /// Every pixel is decided, and as the oracle decides it, also where it calls a pixel sensitive.
-    fn is_decided(&self, name: &str) {
+    pub(crate) fn is_decided(&self, name: &str) {
         for (i, p) in self.truth.pixels.iter().enumerate() {
             assert!(!p.unresolved, "{name}, pixel {i}: the oracle does not know");
             let claim = self.frame.claim[i];

@@ -35,6 +35,8 @@ mod exact_tests;
 pub mod finders;
 #[cfg(feature = "gpu")]
 mod gpu;
+#[cfg(test)]
+mod outlier_tests;
 mod packet;
 mod packet_cells;
 #[cfg(test)]

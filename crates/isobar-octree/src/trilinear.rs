@@ -7,12 +7,13 @@ use crate::packet_cells::LinearTile;
 use crate::walk::{Entry, Search, Space, Walk, Work, three};
 use glam::DVec3;
 use isobar_core::{Claim, Hit, Ray, View};
+use isobar_cpu::index::vague;
 use isobar_cpu::packet::{Projection, RaySet, holds};
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
 
 /// Bricks and cells are taken to meet an isovalue within this much of the greatest |sample - isovalue|; rays whose own bound is larger
-/// (eyes more than some 10^8 voxels away) claim nothing.
+/// (eyes more than some 10^8 voxels away) prove nothing in f64.
 pub(crate) const MARGIN: f64 = 1e-6;
 
 /// Draws one tile; gives the work done.
@@ -135,6 +136,7 @@ impl Kernel for SingleRays<'_, '_> {
             surfaces,
         };
         let mut left = Exact::allowed(search.claims, view, out);
+        let asked = left > 0;
         for (x, y) in tile.pixels() {
             if self.rays.is_some_and(|set| !holds(&set, x - tile.x, y - tile.y)) {
                 continue;
@@ -143,10 +145,10 @@ impl Kernel for SingleRays<'_, '_> {
             search.margin = space.margin(ray.origin);
             let before = work.cells;
             work.alone += 1;
-            let near = search.margin <= MARGIN;
             let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
             let mut claim = Claim::empty();
             let mut certain = search.margin <= MARGIN;
+            let (least, mut worst) = (vague(&space.domain, ray.direction.length()), 0.0f64);
             match Walk::enter(&ray, space, &view.clips, Some(search.margin)) {
                 Entry::Through(walk) => {
                     certain &= search.margin + walk.ends <= MARGIN;
@@ -162,6 +164,7 @@ impl Kernel for SingleRays<'_, '_> {
                                 Claim::EXISTS
                             };
                         }
+                        worst = worst.max(root.error);
                         sink.push(&hit(&ray, root, surfaces, space, !claim.is_empty()))
                     });
                 }
@@ -175,10 +178,10 @@ impl Kernel for SingleRays<'_, '_> {
             }
             let (hits, cells) = (sink.hits(), (work.cells - before) as u32);
             sink.finish(claim, cells);
-            if near && !Exact::is_decided(claim) && left > 0 {
-                work.exact[0] += 1;
-                let anew = exact.draw(&search, out, ([x, y], &ray), (hits, cells), &mut left);
-                work.exact[1] += u64::from(!anew.is_some_and(Exact::is_decided));
+            if asked && !(certain && worst <= least && Exact::is_decided(claim)) {
+                work.exact[0] += u64::from(left > 0);
+                let anew = (left > 0).then(|| exact.draw(&search, out, ([x, y], &ray), (hits, cells), &mut left));
+                work.exact[1] += u64::from(!Exact::is_decided(anew.flatten().unwrap_or(claim)));
             }
         }
         work

@@ -10,7 +10,7 @@
 //! samples. The coordinate of the plane the ray enters or leaves by is exactly 0 or 1, so that two cells give a shared face the same sign.
 //!
 //! **Bound on the error of a coefficient.** u = 2^-53, per ray. The position o + t d in index space is off, per axis, by at most
-//! E = 16u (|eye| + |origin of the grid| + |t d|)/spacing + 4u n (subtraction, division, product, sum: four roundings of terms of that size; the rounding of t in a
+//! E = 16u (|eye - origin of the grid| + |t d|)/spacing + 4u n (subtraction, division, product, sum: four roundings of terms of that size; the rounding of t in a
 //! plane's parameter, seen along its axis, is of the same size; 16 leaves a factor of two). s changes by at most 2M per unit of each axis, M the
 //! greatest |sample - c| of the volume, so position errors move a coefficient by at most 6EM. Subtracting c costs uM; three interpolations
 //! 3 * 3uM; the sum of three and the product with 1/3 at most 4uM: together under 16uM. Evaluation by de Casteljau's rule adds 6uM. The bound is

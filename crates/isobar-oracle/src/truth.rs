@@ -54,7 +54,7 @@ pub struct TruePixel {
     pub multiplicity: Option<Multiplicity>,
     /// ds/dt there, rounded to f32; 0 at tangents and without a root.
     pub slope: f32,
-    /// See [`Oracle::undecidable`]; over all surfaces up to the first root.
+    /// See [`Oracle::undecidable`]; over all surfaces up to the first root, and also where the brackets of two isovalues meet there.
     pub undecidable: bool,
     /// Whether enclosures could not tell if there is an earlier (or any) root: then lo and hi enclose the doubtful part.
     pub unresolved: bool,
@@ -172,11 +172,16 @@ impl Oracles {
     pub fn pixel(&self, ray: &Ray) -> TruePixel {
         let mut best = TruePixel::MISS;
         let mut searches: Vec<Search> = Vec::with_capacity(self.all.len());
+        let mut firsts: Vec<(f64, f64, f64)> = Vec::new();
         let mut until = f64::INFINITY;
         for (i, o) in &self.all {
             let s = o.search(ray, until, true, true);
             best.decided = best.decided.max(s.decided);
-            match s.answer() {
+            let answer = s.answer();
+            if let Answer::Hit(r) = &answer {
+                firsts.push((o.isovalue(), r.lo, r.hi));
+            }
+            match answer {
                 Answer::Hit(r) if r.lo < best.lo => {
                     best = TruePixel {
                         lo: r.lo,
@@ -205,7 +210,12 @@ impl Oracles {
             }
             searches.push(s);
         }
-        best.undecidable = best.unresolved || searches.iter().any(|s| s.undecidable_until(best.hi));
+        // Brackets of two isovalues that meet may be in either order.
+        let meets = |&(_, lo, hi): &(f64, f64, f64)| lo <= best.hi && hi >= best.lo;
+        let mut near = firsts.iter().filter(|f| meets(f)).map(|f| f.0);
+        let first = near.next();
+        best.undecidable =
+            best.unresolved || near.any(|c| Some(c) != first) || searches.iter().any(|s| s.undecidable_until(best.hi));
         best
     }
 }

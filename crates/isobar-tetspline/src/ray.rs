@@ -1,6 +1,6 @@
 //! Index space, a ray in it, and the bound that all proofs rest on.
 //!
-//! **Bound on the error of a Bernstein coefficient.** u = 2^-53, per ray. A position o + t d in index space is off per axis by at most E = 24u (|eye| + |origin of the
+//! **Bound on the error of a Bernstein coefficient.** u = 2^-53, per ray. A position o + t d in index space is off per axis by at most E = 24u (|eye - origin of the
 //! grid| + |t d|)/spacing + 4u n (four roundings of terms of that size; that of a plane's parameter, seen across the plane, is of the same size; 24 leaves a factor of
 //! two). M is the greatest |datum - c| of the volume. The four barycentric coordinates are off by 10 E together, and each of the three arguments of a blossom moves it by as much of M.
 //! - A coefficient of a tetrahedron costs 14uM (one difference, sums of at most 9 terms that amount to at most 192M, one division), a step of de Casteljau's rule 7uM, another

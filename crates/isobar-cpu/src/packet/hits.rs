@@ -6,6 +6,7 @@ use super::lanes::{LANES, Lanes};
 use super::pending::{One, Pending};
 use super::rays::{Frustum, Place, Rays, Space};
 use super::{BLOCKS, RAYS, RaySet, ones, pixel};
+use crate::index::vague;
 use crate::scene::Isovalues;
 use crate::{Blend, PixelSink, TileOut};
 use isobar_core::{Channels, Claim, Hit, Pixel};
@@ -75,6 +76,13 @@ pub struct Solved {
     pub value: u8,
 }
 
+/// Whether proved roots of two isovalues may be in either order.
+#[inline(always)]
+fn clash(a: &Solved, b: &Solved) -> bool {
+    let error = a.error + b.error;
+    a.value != b.value && error < f64::INFINITY && (a.t - b.t).abs() <= error
+}
+
 /// The rays of a tile with their roots.
 #[derive(Debug)]
 pub struct Packet<const N: usize> {
@@ -95,6 +103,8 @@ pub struct Packet<const N: usize> {
     /// Where the first root ends a ray: the rays that have one, and these.
     hit: RaySet,
     first: [Solved; RAYS],
+    /// See [`vague`]; rays of views have unit directions.
+    vague: f64,
 }
 
 impl<const N: usize> Packet<N> {
@@ -123,6 +133,7 @@ impl<const N: usize> Packet<N> {
                 normal: [0.0; 3],
                 value: 0,
             }; RAYS],
+            vague: f64::INFINITY,
         })
     }
 
@@ -142,6 +153,7 @@ impl<const N: usize> Packet<N> {
     #[inline(always)]
     pub fn start<S: Lanes, D: Space>(&mut self, place: &Place<'_, D>, wanted: Wanted, count: bool) -> Option<Frustum> {
         self.want(wanted, count);
+        self.vague = vague(place.space.domain(), 1.0);
         self.rays.start::<S, D>(place)
     }
 
@@ -150,6 +162,7 @@ impl<const N: usize> Packet<N> {
     #[inline(always)]
     pub fn make<S: Lanes, D: Space>(&mut self, place: &Place<'_, D>, wanted: Wanted, count: bool) -> bool {
         self.want(wanted, count);
+        self.vague = vague(place.space.domain(), 1.0);
         self.rays.make::<S, D>(place)
     }
 
@@ -229,20 +242,32 @@ impl<const N: usize> Packet<N> {
         if w.colour { enough & self.opaque[b] } else { enough }
     }
 
-    /// Adds a root of a ray, in its place.
+    /// Adds a root of a ray, in its place. A ray with a proved root that is vague, or that cannot be told from one of another isovalue, is to be walked alone.
     #[inline(always)]
     pub fn add(&mut self, ray: u8, root: Solved) {
+        if root.error > self.vague && root.error < f64::INFINITY {
+            self.leave(ray);
+        }
         if !self.wanted.first {
             self.link(ray, root);
             return;
         }
         let (ray, bit) = (usize::from(ray), 1 << (usize::from(ray) % LANES));
-        let hit = &mut self.hit[ray / LANES];
+        let is_hit = self.hit[ray / LANES] & bit != 0;
         // Of several isovalues more than one may have a root in a cell.
-        if *hit & bit == 0 || root.t < self.first[ray].t {
-            *hit |= bit;
+        if is_hit && clash(&self.first[ray], &root) {
+            self.rays.single[ray / LANES] |= bit;
+        }
+        if !is_hit || root.t < self.first[ray].t {
+            self.hit[ray / LANES] |= bit;
             self.first[ray] = root;
         }
+    }
+
+    #[cold]
+    fn leave(&mut self, ray: u8) {
+        let ray = usize::from(ray);
+        self.rays.single[ray / LANES] |= 1 << (ray % LANES);
     }
 
     fn link(&mut self, ray: u8, root: Solved) {
@@ -250,6 +275,9 @@ impl<const N: usize> Packet<N> {
         let [first, last] = self.ends[usize::from(ray)];
         let later = |at: u32| self.solved[at as usize].0.t > root.t;
         if last == NONE || !later(last) {
+            if last != NONE && clash(&self.solved[last as usize].0, &root) {
+                self.leave(ray);
+            }
             self.solved.push((root, NONE));
             if last == NONE {
                 self.ends[usize::from(ray)] = [new, new];
@@ -263,6 +291,10 @@ impl<const N: usize> Packet<N> {
         let (mut before, mut at) = (NONE, first);
         while !later(at) {
             (before, at) = (at, self.solved[at as usize].1);
+        }
+        let beside = |at: u32| at != NONE && clash(&self.solved[at as usize].0, &root);
+        if beside(before) || beside(at) {
+            self.leave(ray);
         }
         self.solved.push((root, at));
         if before == NONE {

@@ -20,6 +20,7 @@ use crate::trilinear::MARGIN;
 use crate::walk::Bounds;
 use glam::DVec3;
 use isobar_core::{Claim, Hit, View};
+use isobar_cpu::index::vague;
 use isobar_cpu::packet::{RaySet, holds};
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
@@ -127,6 +128,7 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             surfaces,
         };
         let mut left = Exact::allowed(search.claims, view, out);
+        let asked = left > 0;
         let volume = Exactly::<S>(search, PhantomData);
         let mut eye = rays.ray(tile.x, tile.y).origin;
         let mut margin = search.space.margin(eye);
@@ -145,6 +147,7 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             let mut sink = PixelSink::new(out, x, y, &ray, surfaces.all());
             let mut claim = Claim::empty();
             let mut certain = true;
+            let (least, mut worst) = (vague(&search.space.of_degree_1().domain, ray.direction.length()), 0.0f64);
             if !tracks.is_empty() {
                 match Path::enter(&ray, search.space, &view.clips, margin) {
                     Entry::Through(path) => {
@@ -166,6 +169,7 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
                             }
                             // The ends of the bracket, and t itself, are rounded.
                             let error = (c.t - c.lo).max(c.hi - c.t) + 8.0 * f64::EPSILON * c.hi.abs();
+                            worst = worst.max(error);
                             // Relative to the isovalue: on a plateau the gradient is exactly zero.
                             let d = search.lattice.doubles::<S>(c.cell, search.bounds[c.surface].isovalue);
                             let g = gradient::<S>(&d, c.at);
@@ -189,10 +193,10 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             }
             let (hits, cells) = (sink.hits(), (work.cells - before) as u32);
             sink.finish(claim, cells);
-            if margin <= MARGIN && !Exact::is_decided(claim) && left > 0 {
-                work.exact[0] += 1;
-                let anew = exact.draw(&volume, out, ([x, y], &ray), (hits, cells), &mut left);
-                work.exact[1] += u64::from(!anew.is_some_and(Exact::is_decided));
+            if asked && !(certain && worst <= least && Exact::is_decided(claim)) {
+                work.exact[0] += u64::from(left > 0);
+                let anew = (left > 0).then(|| exact.draw(&volume, out, ([x, y], &ray), (hits, cells), &mut left));
+                work.exact[1] += u64::from(!Exact::is_decided(anew.flatten().unwrap_or(claim)));
             }
         }
         work
@@ -489,7 +493,15 @@ impl Search<'_> {
             way.found.sort_by(|a, b| a.t.total_cmp(&b.t));
         }
         let mut go_on = true;
-        for c in way.found.iter() {
+        for (i, c) in way.found.iter().enumerate() {
+            // Of two isovalues, and in either order.
+            if way
+                .found
+                .get(i + 1)
+                .is_some_and(|next| next.surface != c.surface && next.lo <= c.hi)
+            {
+                way.certain = false;
+            }
             let first = way.certain && (way.tracks.len() == 1 || way.tracks.iter().all(Track::is_settled));
             go_on = push(c, first);
             way.certain &= c.crosses;
