@@ -4,11 +4,11 @@
 //! Times are those of one thread, the least of the repeats, ways interleaved. Both use the thesis's 6 (d + 1) iterations of LR81, f32, and search from the near plane to the
 //! far one. The thesis gives bars without numbers.
 
-use isobar_core::{Algebraic, DVec3, Data, View};
-use isobar_fields::Synthetic;
-use isobar_octree::comparators::algebraic::{Composition, Drawn, Extent, Surface, draw};
+use isobar_core::{Algebraic, DVec3};
+use isobar_octree::comparators::algebraic::{Composition, Extent, Surface, draw};
 use isobar_octree::comparators::frustum::{Frustum, FrustumForm, weights};
 use isobar_octree::compose::{Form, Scalar, compose};
+use isobar_octree::figures::surfaces::{contenders, polynomial, view};
 use isobar_octree::finders::Finder;
 use isobar_poly::{Real, scaled};
 use std::error::Error;
@@ -31,43 +31,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     errors::<3, 10>('c')
 }
 
-fn polynomial(letter: char) -> Result<Algebraic, Box<dyn Error>> {
-    match format!("steinberger-{letter},as=algebraic").parse::<Synthetic>()?.data()? {
-        Data::Algebraic(a) => Ok(a),
-        _ => Err("a polynomial was asked for".into()),
-    }
-}
-
-fn view(size: usize) -> View {
-    View::perspective(DVec3::new(6.0, 4.0, 5.0), DVec3::ZERO, DVec3::Z, 40.0, size, size)
-}
-
 fn times<const D: usize, const M: usize>(letter: char, repeats: usize) -> Result<(), Box<dyn Error>> {
-    let polynomial = polynomial(letter)?;
-    let (narrow, wide) = (Surface::<f32, D>::new(&polynomial)?, Surface::<f64, D>::new(&polynomial)?);
-    let finder = Finder::Lr81 {
-        iterations: 6 * (D as u32 + 1),
-    };
+    let wide = Surface::<f64, D>::new(&polynomial(letter)?)?;
     for size in SIZES {
         let view = view(size);
-        let truth = draw::<f64, D, M>(
-            &wide,
-            &view,
-            Composition::Axis,
-            &Finder::Robust { width: 1e-9 },
-            Extent::Planes,
-        )?;
-        let mut best: [Option<Drawn>; 5] = [const { None }; 5];
-        for _ in 0..repeats.max(1) {
-            for (how, best) in Composition::ALL.into_iter().zip(&mut best) {
-                let d = draw::<f32, D, M>(&narrow, &view, how, &finder, Extent::Planes)?;
-                if best.as_ref().is_none_or(|b| d.total() < b.total()) {
-                    *best = Some(d);
-                }
-            }
-        }
-        for (how, d) in Composition::ALL.into_iter().zip(best) {
-            let d = d.ok_or("at least one repeat")?;
+        let robust = Finder::Robust { width: 1e-9 };
+        let truth = draw::<f64, D, M>(&wide, &view, Composition::Axis, &robust, Extent::Planes)?;
+        for c in contenders(letter, size, repeats)? {
+            let d = &c.drawn;
             let footprint = view.footprint(8.0);
             let differ = (d.points.iter().zip(&truth.points))
                 .filter(|(a, b)| a.is_finite() != b.is_finite() || (a.is_finite() && (**a - **b).length() > footprint))
@@ -75,7 +46,7 @@ fn times<const D: usize, const M: usize>(letter: char, repeats: usize) -> Result
             let ms = |d: std::time::Duration| d.as_secs_f64() * 1e3;
             println!(
                 "({letter})      {size:4}^2    {:18}  {:16.1}  {:18.1}  {:14.2}  {:15.2}  {:8.2}  {:8}  {differ:6}",
-                how.name(),
+                c.how.name(),
                 ms(d.preprocessing) * 1e3,
                 ms(d.stages[3]) * 1e6 / d.composed.max(1) as f64,
                 ms(d.stages[3]),

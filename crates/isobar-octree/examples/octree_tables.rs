@@ -5,6 +5,8 @@
 use isobar_core::{Channels, Data, Knobs, Method, Request, Stop, Surface as Isosurface, View};
 use isobar_fields::{Kind, Synthetic};
 use isobar_octree::comparators::algebraic::{Composition, Drawn, Extent, STAGES, Surface, draw};
+use isobar_octree::figures::degrees::KINDS;
+use isobar_octree::figures::printed::{TABLE_6_1, TABLE_6_2, TABLE_6_3};
 use isobar_octree::finders::Finder;
 use isobar_octree::stages::{Laps, Staged, stages};
 use std::error::Error;
@@ -13,66 +15,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
-
-/// Table 6.1, per cent: tri-linear, tri-squared, tri-cubic (paper-numbers: Steinberger2010, Tab6.1). GeForce GTX 285.
-const PRINTED_6_1: [[f64; 3]; 7] = [
-    [8.390, 0.903, 0.187],
-    [6.936, 0.743, 0.141],
-    [6.090, 0.676, 0.139],
-    [3.941, 1.823, 1.029],
-    [71.017, 93.551, 97.489],
-    [1.546, 1.732, 0.972],
-    [2.079, 0.571, 0.042],
-];
-
-/// Table 6.3 (a), milliseconds: data sets, stages, degrees (paper-numbers: Steinberger2010, Tab6.3a).
-const PRINTED_6_3: [(&str, [[f64; 3]; 5]); 4] = [
-    (
-        "Bucky 32^3",
-        [
-            [0.40, 0.39, 0.41],
-            [21.96, 32.95, 40.47],
-            [5.46, 21.92, 75.55],
-            [0.62, 6.30, 22.29],
-            [0.21, 2.32, 10.56],
-        ],
-    ),
-    (
-        "Dragon 128^3",
-        [
-            [0.40, 0.40, 0.39],
-            [54.06, 92.94, 114.9],
-            [2.51, 11.88, 41.44],
-            [0.67, 4.52, 21.58],
-            [0.41, 2.90, 17.78],
-        ],
-    ),
-    (
-        "Foot 256^3",
-        [
-            [0.40, 0.39, 0.40],
-            [100.2, 205.0, 224.0],
-            [3.85, 22.22, 67.16],
-            [1.26, 6.73, 23.48],
-            [0.71, 4.34, 22.58],
-        ],
-    ),
-    (
-        "Vertebra 512^3",
-        [
-            [0.42, 0.42, 0.42],
-            [98.64, 173.6, 214.1],
-            [4.33, 20.11, 64.23],
-            [0.77, 4.53, 17.24],
-            [0.37, 2.50, 15.74],
-        ],
-    ),
-];
-
-/// Table 6.2, frames per second: data sets, degrees (paper-numbers: Steinberger2010, Tab6.2). Its row "sampling" is that of a texture unit.
-const PRINTED_6_2: [[f64; 3]; 4] = [[31.2, 16.3, 7.1], [9.8, 6.9, 4.6], [4.6, 2.8, 1.5], [6.6, 5.3, 3.5]];
-
-const KINDS: [Kind; 3] = [Kind::Trilinear, Kind::Quadratic, Kind::Cubic];
 
 fn main() -> Result<()> {
     let mut args = std::env::args().skip(1);
@@ -86,7 +28,12 @@ fn main() -> Result<()> {
         let [source, isovalue] = scene else {
             return Err("every DATA needs an ISOVALUE".into());
         };
-        volume(source, isovalue.parse()?, PRINTED_6_3.get(i).zip(PRINTED_6_2.get(i)), repeats)?;
+        volume(
+            source,
+            isovalue.parse()?,
+            TABLE_6_3.get(i).zip(TABLE_6_2.get(i).map(|t| &t.2)),
+            repeats,
+        )?;
     }
     Ok(())
 }
@@ -117,7 +64,7 @@ fn algebraic(repeats: usize) -> Result<()> {
         ];
         for (i, stage) in STAGES.iter().enumerate() {
             print!("{stage:18}");
-            for (c, printed) in columns.iter().zip(PRINTED_6_1[i]) {
+            for (c, printed) in columns.iter().zip(TABLE_6_1[i]) {
                 print!("  {:7.3} [{printed:7.3}]", 100.0 * ms(c.stages[i]) / ms(c.total()));
             }
             println!();
@@ -152,7 +99,7 @@ fn one<const D: usize, const M: usize>(letter: char, how: Composition, thesis: b
 }
 
 /// What the thesis has of a data set: its name with the stages, and frames per second.
-type Printed<'a> = (&'a (&'static str, [[f64; 3]; 5]), &'a [f64; 3]);
+type Printed<'a> = (&'a (&'static str, [[f64; 3]; 5]), &'a [f64; 4]);
 
 /// One volume, three degrees.
 fn volume(source: &str, isovalue: f64, printed: Option<Printed<'_>>, repeats: usize) -> Result<()> {

@@ -1,29 +1,21 @@
 //! Levels of detail of a volume by spline wavelets: Table 6.4, the numbers of Figures 4.2 to 4.6 and 6.7 to 6.9 of Steinberger 2010, and what a reconstruction
 //! costs, with the feature `gpu` also on the first adapter. `cargo run --release -p isobar-octree --example wavelets -- DATA [ISOVALUE] [THREADS] [FOLDER]`; DATA is a file or a
-//! synthetic field; with a folder the pictures are written there as PPM. Times are CPU time of the process, least of several. What drawing over levels gains
+//! synthetic field; with a folder the pictures are written there as PNG. Times are CPU time of the process, least of several. What drawing over levels gains
 //! is in the example `levels`.
 
-use glam::DVec3;
-use isobar_core::{Camera, Channels, Data, Grid, Stop, Surface, View, to_srgb8};
-use isobar_fields::Synthetic;
-use isobar_octree::wavelet::table::{Picture, Row, Setting, epsilon_for, level_picture};
-use isobar_octree::wavelet::{Adaptive, Bank, Criteria, Extent, Multiresolution, Pyramid, Selection};
-use std::fs;
+mod common;
+
+use common::{load, save};
+use isobar_core::{Data, Grid, View};
+use isobar_octree::figures::levels::{SHARES, eye, transition};
+use isobar_octree::figures::{Image, printed::TABLE_6_4};
+use isobar_octree::wavelet::table::{Setting, epsilon_for, level_picture};
+use isobar_octree::wavelet::{Adaptive, Bank, Extent, Pyramid, Selection};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
-
-/// Table 6.4 as printed (full, 6.7 b to f): chunks, share in per cent, reconstruction and rendering in ms on a GTX 285, MSE times 1000.
-const PRINTED: [(usize, f64, f64, f64, f64); 6] = [
-    (4681, 100.0, 7.23, 225.0, 0.0),
-    (3421, 73.0, 8.72, 219.0, 24.0),
-    (1877, 40.0, 9.25, 161.0, 45.0),
-    (585, 12.0, 6.11, 115.0, 57.0),
-    (295, 6.0, 6.92, 89.3, 176.0),
-    (73, 1.6, 3.58, 61.4, 370.0),
-];
 
 fn main() -> Result<()> {
     let mut args = std::env::args().skip(1);
@@ -31,14 +23,7 @@ fn main() -> Result<()> {
     let isovalue: f64 = args.next().map_or(Ok(0.0), |s| s.parse())?;
     let threads: usize = args.next().map_or(Ok(0), |s| s.parse())?;
     let folder: Option<PathBuf> = args.next().map(PathBuf::from);
-    if let Some(folder) = &folder {
-        fs::create_dir_all(folder)?;
-    }
-    let data = match file.parse::<Synthetic>() {
-        Ok(s) => s.data()?,
-        Err(_) => isobar_io::load(Path::new(&file), &isobar_io::Options::default())?.data,
-    };
-    let Data::Grid(grid) = data else {
+    let Data::Grid(grid) = load(&file)? else {
         return Err(format!("{file} holds no grid").into());
     };
     let view = View::fit(grid.domain().world_bounds(), 40.0, 1024, 768);
@@ -104,12 +89,11 @@ fn banks(grid: &Grid, threads: usize) -> Result<()> {
 /// Algorithms 1 to 3 on the CPU and as compute kernels: Table 6.4's selections, each from nothing.
 #[cfg(feature = "gpu")]
 fn devices(setting: &Setting<'_>) -> Result<()> {
+    use isobar_octree::wavelet::Criteria;
     use isobar_octree::wavelet::gpu::GpuAdaptive;
     use std::time::Instant;
     let gpu = isobar_gpu::Gpu::open()?;
-    let Camera::Perspective { eye, .. } = setting.view.camera else {
-        return Err("the view is in perspective".into());
-    };
+    let eye = eye(setting.view)?;
     let pool = isobar_cpu::Pool::new(setting.threads)?;
     let pyramid = Arc::new(pool.install(|| Pyramid::new(setting.grid, setting.bank))?);
     let (mut device, mut host) = (GpuAdaptive::new(&gpu, pyramid.clone())?, Adaptive::new(pyramid.clone()));
@@ -123,8 +107,8 @@ fn devices(setting: &Setting<'_>) -> Result<()> {
         view: Some((eye, epsilon_for(&pyramid, eye, share))),
         ..Criteria::default()
     };
-    for (_, share, ..) in PRINTED {
-        let selection = Selection::new(&pyramid, &criteria(share / 100.0));
+    for p in TABLE_6_4 {
+        let selection = Selection::new(&pyramid, &criteria(p.chunks.1 / 100.0));
         let (mut best, mut kernels, mut cpu, mut computed) = (f64::INFINITY, None, f64::INFINITY, 0);
         for _ in 0..5 {
             device.forget();
@@ -146,96 +130,52 @@ fn devices(setting: &Setting<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Table 6.4.
+/// Table 6.4, with the pictures of Figures 4.6, 6.7 and 6.8.
 fn levels(setting: &Setting<'_>, folder: Option<&Path>) -> Result<()> {
-    let Camera::Perspective { eye, .. } = setting.view.camera else {
-        return Err("the view is in perspective".into());
-    };
+    let eye = eye(setting.view)?;
     let pyramid = Pyramid::new(setting.grid, setting.bank)?;
-    let epsilons: Vec<f64> = PRINTED.iter().map(|p| epsilon_for(&pyramid, eye, p.1 / 100.0)).collect();
+    let epsilons: Vec<f64> = (TABLE_6_4.iter())
+        .map(|p| epsilon_for(&pyramid, eye, p.chunks.1 / 100.0))
+        .collect();
     println!("\nTable 6.4, {}; the thesis's numbers in brackets.", setting.bank);
     println!(
         "epsilon  chunks        share %       wanted  anew ms         from before     render ms      MSE x 1e3        depth rms  one-sided  parts  finest chunks by level"
     );
     let rows = setting.rows(eye, &epsilons, false)?;
-    for (i, ((r, picture), p)) in rows.iter().zip(PRINTED).enumerate() {
+    for ((r, picture), p) in rows.iter().zip(TABLE_6_4) {
         println!(
             "{:7.4}  {:5} [{:4}]  {:5.1} [{:5.1}]  {:6}  {:6.2} [{:5.2}]  {:6.2} ({:5})  {:6.1} [{:5.1}]  {:7.3} [{:5.1}]  {:9.4}  {:9}  {:5}  {:?}",
             r.epsilon,
             r.chunks,
-            p.0,
+            p.chunks.0,
             r.share * 100.0,
-            p.1,
+            p.chunks.1,
             r.wanted,
             ms(r.from_nothing),
-            p.2,
+            p.times[0],
             ms(r.update),
             r.computed,
             ms(r.levels.render),
-            p.3,
+            p.times[1],
             r.mse * 1e3,
-            p.4,
+            p.mse,
             r.depth,
             r.one_sided,
             r.parts,
             r.by_level
         );
-        if let Some(folder) = folder {
-            let letter = ["full", "b", "c", "d", "e", "f"][i];
-            write(folder, &format!("figure-6.7-{letter}"), setting.view, &picture.frame.rgba)?;
-            write(
-                folder,
-                &format!("figure-4.6-{letter}"),
-                setting.view,
-                &level_picture(setting, r, picture),
-            )?;
-            if letter == "b" {
-                transition(setting, eye, r, folder)?;
+        let shaded = Image::linear(setting.view, &picture.frame.rgba);
+        save(folder, &format!("figure-6.7-{}", p.figure), &shaded)?;
+        let by_level = Image::linear(setting.view, &level_picture(setting, r, picture));
+        save(folder, &format!("figure-4.6-{}", p.figure), &by_level)?;
+        if p.figure == "b" && folder.is_some() {
+            for s in transition(setting, r, picture)? {
+                let name = s.name.replace(' ', "-");
+                save(folder, &format!("figure-6.8-{name}"), &s.shaded)?;
+                save(folder, &format!("figure-6.8-{name}-levels"), &s.by_level)?;
             }
         }
     }
-    Ok(())
-}
-
-/// Figure 6.8: the levels chosen for one view seen from the other side, and the border of levels next to the middle of that picture close up; each shaded and by level.
-fn transition(setting: &Setting<'_>, eye: DVec3, row: &Row, folder: &Path) -> Result<()> {
-    let pyramid = Arc::new(Pyramid::new(setting.grid, setting.bank)?);
-    let criteria = Criteria {
-        view: Some((eye, row.epsilon)),
-        ..Criteria::default()
-    };
-    let channels = Channels::T | Channels::NORMAL | Channels::SURFACE | Channels::RGBA;
-    let mut levels = Multiresolution::new(pyramid.clone(), channels, setting.threads)?;
-    levels.set_surfaces(&[Surface::isovalue(setting.isovalue, 0)])?;
-    levels.select(&Selection::new(&pyramid, &criteria))?;
-    let mut draw = |name: &str, view: &View| -> Result<(Picture, Vec<[f32; 4]>)> {
-        levels.render(view, &Stop::default())?;
-        let picture = Picture {
-            frame: levels.frame().clone(),
-            render: Duration::ZERO,
-        };
-        let by_level = level_picture(&Setting { view, ..*setting }, row, &picture);
-        write(folder, &format!("figure-6.8-{name}"), view, &picture.frame.rgba)?;
-        write(folder, &format!("figure-6.8-{name}-levels"), view, &by_level)?;
-        Ok((picture, by_level))
-    };
-    let (width, height) = (setting.view.width, setting.view.height);
-    let bounds = setting.grid.domain().world_bounds();
-    let view = View::fit_from(bounds, DVec3::new(-1.9, 2.6, 2.2), DVec3::Z, 40.0, width, height);
-    let (picture, by_level) = draw("a", &view)?;
-    let off = |i: usize| (i % width).abs_diff(width / 2).pow(2) + (i / width).abs_diff(height / 2).pow(2);
-    // Outlines of levels are black.
-    let border = (0..by_level.len()).filter(|&i| by_level[i] == [0.0, 0.0, 0.0, 1.0]);
-    let Some(i) = border.min_by_key(|&i| off(i)) else {
-        return Ok(());
-    };
-    let ray = view.ray(i % width, i / width);
-    let point = ray.at(picture.frame.t[i]);
-    let normal = DVec3::from_array(picture.frame.normal[i].map(f64::from));
-    let out = (normal * -normal.dot(ray.direction).signum() - ray.direction).normalize();
-    let from = point + out * 20.0 * setting.grid.spacing.min_element();
-    let up = if out.z.abs() < 0.9 { DVec3::Z } else { DVec3::X };
-    draw("close", &View::perspective(from, point, up, 40.0, width, height))?;
     Ok(())
 }
 
@@ -244,7 +184,7 @@ fn compression(setting: &Setting<'_>, folder: Option<&Path>) -> Result<()> {
     println!("\nFigure 4.5: the greatest coefficients only");
     println!("weights    kept     share %  rms error   max error   MSE x 1e3  depth rms  one-sided");
     for weighted in [false, true] {
-        for (c, picture) in setting.compressions(&[0.2, 0.05, 0.01, 0.002], weighted)? {
+        for (c, picture) in setting.compressions(&SHARES, weighted)? {
             let name = if weighted { "norm" } else { "none" };
             println!(
                 "{name:8} {:8}  {:7.3}  {:10.3e}  {:10.3e}  {:9.3}  {:9.4}  {:9}",
@@ -256,22 +196,9 @@ fn compression(setting: &Setting<'_>, folder: Option<&Path>) -> Result<()> {
                 c.picture.depth,
                 c.picture.one_sided
             );
-            if let Some(folder) = folder {
-                write(
-                    folder,
-                    &format!("figure-4.5-{name}-{}", c.kept),
-                    setting.view,
-                    &picture.frame.rgba,
-                )?;
-            }
+            let image = Image::linear(setting.view, &picture.frame.rgba);
+            save(folder, &format!("figure-4.5-{name}-{}", c.kept), &image)?;
         }
     }
-    Ok(())
-}
-
-fn write(folder: &Path, name: &str, view: &View, pixels: &[[f32; 4]]) -> Result<()> {
-    let mut bytes = format!("P6\n{} {}\n255\n", view.width, view.height).into_bytes();
-    bytes.extend(pixels.iter().flat_map(|&p| to_srgb8(p)));
-    fs::write(folder.join(format!("{name}.ppm")), bytes)?;
     Ok(())
 }

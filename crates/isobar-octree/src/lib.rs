@@ -3,7 +3,7 @@
 //! M. Steinberger, *Isosurface rendering with spline wavelets and octrees* (thesis, Graz 2010). The casters `octree/cpu` and
 //! `octree/gpu` (feature `gpu`) of degrees 1, 2 and 3 find every root of the spline along a ray, on the CPU with proofs in f64, or in exact arithmetic where that
 //! cannot tell; [`compose`], [`finders`] and [`wavelet`] are the thesis's parts as studied things, [`comparators`] what it compares itself with,
-//! [`blocks`] and [`stages`] its counts and clocks of a frame. What of the thesis is not here is listed in the README.
+//! [`blocks`] and [`stages`] its counts and clocks of a frame, [`figures`] its figures drawn again. What of the thesis is not here is listed in the README.
 //!
 //! ```
 //! use isobar_core::{Data, Frame, Grid, Method, Request, Samples, Stop, Surface, View};
@@ -32,6 +32,7 @@ mod cubic;
 mod exact;
 #[cfg(test)]
 mod exact_tests;
+pub mod figures;
 pub mod finders;
 #[cfg(feature = "gpu")]
 mod gpu;

@@ -42,8 +42,10 @@ impl std::fmt::Debug for Setting<'_> {
 /// A picture with what it is compared by.
 #[derive(Debug, Clone)]
 pub struct Picture {
-    /// The frame: t, point, surface and colour.
+    /// The frame: t, normal, surface and colour.
     pub frame: Frame,
+    /// The coefficients that are drawn.
+    pub grid: Grid,
     /// Time of its `render`.
     pub render: Duration,
 }
@@ -130,7 +132,11 @@ impl Setting<'_> {
         }
         let mut frame = Frame::default();
         renderer.read(&mut frame)?;
-        Ok(Picture { frame, render })
+        Ok(Picture {
+            frame,
+            grid: grid.clone(),
+            render,
+        })
     }
 
     /// The method with everything set.
