@@ -269,6 +269,33 @@ pub fn growth(series: &[(usize, Vec<(f64, f64)>)]) -> Result<Option<String>> {
     Ok(Some(text))
 }
 
+/// Time against the side of a square image: `(pixels, ms)` by series, in the order of [`COLOURS`].
+///
+/// # Errors
+/// When the chart cannot be drawn.
+pub fn sizes(series: &[Vec<(f64, f64)>]) -> Result<Option<String>> {
+    let all = || series.iter().flatten();
+    if all().next().is_none() {
+        return Ok(None);
+    }
+    let x = Axis {
+        title: "pixels along the image",
+        ..samples_axis(&all().map(|p| p.0).collect::<Vec<_>>())
+    };
+    let y = Axis {
+        range: decades(all().map(|p| p.1)),
+        title: "ms (wall clock)",
+        label: tick,
+    };
+    let text = draw((470, 340), x, y, |chart| {
+        for (i, points) in series.iter().enumerate() {
+            dotted(chart, points, COLOURS[i % COLOURS.len()])?;
+        }
+        Ok(())
+    })?;
+    Ok(Some(text))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -318,6 +345,7 @@ mod tests {
         assert_eq!(time_against_error(&[r], &["a".to_owned()], Against::Peaks).unwrap(), None);
         assert_eq!(convergence(&[], false).unwrap(), None);
         assert_eq!(growth(&[]).unwrap(), None);
+        assert_eq!(sizes(&[Vec::new()]).unwrap(), None);
     }
 
     #[test]

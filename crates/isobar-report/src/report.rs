@@ -80,8 +80,8 @@ pub fn run(o: &Options) -> Result<Done> {
     for f in FIELDS {
         r.convergence.extend(convergence::measure(f)?);
     }
-    bar.set_message("tables of the thesis");
-    r.steinberger = steinberger::measure(&folder.join("hard/cases"))?;
+    let say = |what: &str| bar.set_message(what.to_owned());
+    r.steinberger = steinberger::measure(&o.root.join("bench-data"), &settings.stage, &say)?;
     bar.finish_and_clear();
     r.benches = o
         .criterion

@@ -21,7 +21,7 @@ pub struct Report {
     pub convergence: Vec<Convergence>,
     /// The hard cases.
     pub hard: Matrix,
-    /// Tables of Steinberger's thesis.
+    /// Tables and figures of Steinberger's thesis.
     pub steinberger: crate::steinberger::Steinberger,
     /// Criterion's estimates.
     pub benches: Vec<Bench>,
@@ -39,6 +39,7 @@ impl Report {
                 lines.extend(c.failures.iter().map(|f| format!("{}, {}: {f}", s.title, c.reconstruction)));
             }
         }
+        lines.extend(self.steinberger.figures.trouble());
         for t in &self.hard.tables {
             for r in &t.rows {
                 for (column, v) in t.columns.iter().zip(&r.cells) {

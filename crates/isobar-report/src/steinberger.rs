@@ -1,4 +1,5 @@
-//! Tables 3.1, 3.2, 6.1 and 6.4 of Steinberger's thesis, measured again: compositions along a ray, root finders with their budgets, stages of algebraic surfaces, levels of detail.
+//! Tables 3.1, 3.2, 6.1, 6.2 and 6.4 and the figures of Steinberger's thesis, measured and drawn again: compositions along a ray, root finders with their budgets, stages of
+//! algebraic surfaces, levels of detail, and [`figures`].
 //!
 //! Operations are counted by running the compositions on numbers that count. Errors of f32 are against the same composition in f64 (its own error
 //! is 2^-29 of what is measured; that the forms are exact is tested on integers). Answers of root finders are judged by certified roots of the
@@ -15,6 +16,7 @@ use std::path::Path;
 use std::time::Instant;
 
 mod compositions;
+pub mod figures;
 pub mod gains;
 pub mod levels;
 pub mod stages;
@@ -41,7 +43,10 @@ pub struct Steinberger {
     /// Table 6.1.
     #[serde(default)]
     pub surfaces: Vec<stages::SurfaceRow>,
-    /// Seconds the tables took.
+    /// The figures, and Table 6.2.
+    #[serde(default)]
+    pub figures: figures::Figures,
+    /// Seconds the tables took, the figures apart.
     pub seconds: f64,
 }
 
@@ -139,17 +144,44 @@ impl Random {
     }
 }
 
-/// Measures the tables; `cases` is the folder of the hard cases, `definitions/hard/cases`, beside which `cache` has the distance field of Table 6.4.
+/// Measures the tables and draws the figures. `data` is the folder `bench-data`; pictures go to `stage`, the folder the page is put together in; `say` is told
+/// what is in hand.
 ///
 /// # Errors
-/// When a case or the field cannot be read.
-pub fn measure(cases: &Path) -> Result<Steinberger> {
-    let mut out = kernels(cases)?;
+/// When a case or a volume cannot be read, a frame not be drawn or checked, or a picture not be written.
+pub fn measure(data: &Path, stage: &Path, say: &dyn Fn(&str)) -> Result<Steinberger> {
+    say("tables of the thesis");
+    let mut out = kernels(&data.join("definitions/hard/cases"))?;
     let start = Instant::now();
     out.surfaces = stages::measure()?;
-    out.levels = levels::measure(&cases.join("../../../cache/dragon_128.nrrd"))?;
+    let field = levels::Field::load(&data.join("cache/dragon_128.nrrd"))?;
+    let rows = field.as_ref().map_or(Ok(Vec::new()), levels::Field::rows)?;
+    out.levels = levels::table(&rows);
     out.gains = gains::measure()?;
     out.seconds += start.elapsed().as_secs_f64();
+    let start = Instant::now();
+    let figure = |number: &str| say(&format!("figures of the thesis: {number}"));
+    let (album, drawn) = (figures::Album { stage }, &mut out.figures);
+    figure("3.2");
+    figures::volumes::blocks(data, album, drawn)?;
+    if let Some(field) = &field {
+        figure("4.5 to 4.6, 6.7 and 6.8");
+        figures::detail::dragon(field, &rows, album, drawn)?;
+    }
+    // Their coefficients need not be in memory beside what follows.
+    drop((rows, field));
+    figure("6.1");
+    figures::surfaces::measure(&figures::surfaces::SIZES, album, drawn)?;
+    for (i, v) in figures::volumes::VOLUMES.iter().enumerate() {
+        let number = format!("6.{}", i + 2);
+        figure(&number);
+        figures::volumes::degrees(data, &number, v, [1024, 768], album, drawn)?;
+    }
+    figure("6.6");
+    figures::volumes::closeup(data, [512, 384], album, drawn)?;
+    figure("6.9");
+    figures::detail::parts(data, album, drawn)?;
+    drawn.seconds = start.elapsed().as_secs_f64();
     Ok(out)
 }
 
@@ -499,7 +531,7 @@ pub fn write(s: &Steinberger, folder: &Path) -> Result<()> {
         }
         w.flush()?;
     }
-    Ok(())
+    figures::write(&s.figures, folder)
 }
 
 #[cfg(test)]

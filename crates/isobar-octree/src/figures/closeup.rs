@@ -11,7 +11,10 @@ use std::sync::Arc;
 pub const BITS: [Option<u32>; 3] = [None, Some(FRACTION_BITS + 1), Some(FRACTION_BITS)];
 
 /// Angle between normals that the picture shows white, degrees.
-pub const WHITE: f64 = 2.0;
+pub const WHITE: f64 = 0.25;
+
+/// Exponent of the highlight: narrow, since it is there to show what happens to normals.
+const SHININESS: i32 = 200;
 
 /// Colour of the surface.
 const COLOUR: [f32; 3] = [0.85, 0.75, 0.6];
@@ -165,8 +168,12 @@ impl Closeup {
         })
     }
 
+    /// The project's shading, and a highlight.
     fn lit(&self, normal: [f32; 3], i: usize) -> [u8; 3] {
-        let [r, g, b] = shade(COLOUR, normal, self.ray(i).direction);
+        let d = self.ray(i).direction;
+        let facing = DVec3::from_array(normal.map(f64::from)).dot(d.normalize()).abs().min(1.0);
+        let highlight = 0.5 * facing.powi(SHININESS) as f32;
+        let [r, g, b] = shade(COLOUR, normal, d).map(|c| 0.7 * c + highlight);
         to_srgb8([r, g, b, 1.0])
     }
 

@@ -44,7 +44,7 @@ impl Bricks {
         self.active.iter().filter(|a| **a).count()
     }
 
-    /// The nearest active brick of every pixel, its edges darker; white where there is none.
+    /// The nearest active brick of every pixel, its edges darker where bricks are wide enough to show them; white where there is none.
     #[must_use]
     pub fn image(&self, view: &View) -> Image {
         Image::new(view, |i| to_srgb8(self.colour(view, i % view.width, i / view.width)))
@@ -71,7 +71,8 @@ impl Bricks {
             if self.active[(at[2] * self.count[1] + at[1]) * self.count[0] + at[0]] {
                 let q = (o + d * t) / side;
                 let near = |a: usize| (q[a] - at[a] as f64 - 0.5).abs() > 0.44;
-                let edge = (0..3).filter(|&a| a != axis).any(near);
+                let wide = view.footprint(t) < 0.12 * side * self.domain.voxel();
+                let edge = wide && (0..3).filter(|&a| a != axis).any(near);
                 let normal = self.domain.world_gradient(DVec3::AXES[axis]).normalize_or_zero();
                 let [r, g, b] = shade([0.9, 0.75, 0.35], normal.as_vec3().to_array(), ray.direction);
                 let [r, g, b] = [r, g, b].map(|c| if edge { 0.4 * c } else { c });

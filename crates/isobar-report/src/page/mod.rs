@@ -1,5 +1,6 @@
 //! The page: one HTML file that opens without a network, beside its pictures and tables.
 
+mod figures;
 mod html;
 mod matrix;
 mod scene;
@@ -72,6 +73,7 @@ pub fn page(r: &Report) -> Result<String> {
     }
     out.push_str(&steinberger::section(&r.steinberger));
     out.push_str(&stages::section(&r.steinberger, &r.scenes));
+    out.push_str(&figures::section(&r.steinberger.figures, &r.steinberger.levels)?);
     out.push_str(&matrix::matrix(&r.hard));
     out.push_str(&convergence(&r.convergence)?);
     out.push_str(&benches(&r.benches));
@@ -107,7 +109,7 @@ fn header(r: &Report, methods: &[String]) -> String {
          run.</p>\n<p class=\"meta\">{} UTC · {} · revision {} · made by <code>{}</code> in {:.1} minutes</p>\n</header>\n<nav \
          class=\"top\"><a href=\"#summary\">In short</a><a href=\"#curated\">Scenes</a><a href=\"#sweep\">Growth</a><a href=\"#hard\">Hard \
          scenes</a><a href=\"#cases\">Hard cases</a><a href=\"#convergence\">Convergence</a><a href=\"#kernels\">Kernels</a><a \
-         href=\"#steinberger2010\">Steinberger 2010</a><a \
+         href=\"#steinberger2010\">Steinberger 2010</a><a href=\"#steinberger2010-figures\">its figures</a><a \
          href=\"#how\">How it was measured</a></nav>\n",
         methods.len(),
         html::count(pixels),

@@ -1,44 +1,16 @@
 //! Table 6.4 of Steinberger's thesis: the dragon's distance field over levels of detail, chosen by view.
 
-use anyhow::{Context, Result, bail};
-use isobar_core::{Camera, Data, View};
-use isobar_octree::wavelet::table::{Setting, epsilon_for};
+use super::figures::load;
+use anyhow::{Context, Result};
+use isobar_core::{Grid, View};
+use isobar_octree::figures::levels::eye;
+use isobar_octree::wavelet::table::{Picture, Row, Setting, epsilon_for};
 use isobar_octree::wavelet::{Bank, Pyramid};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Duration;
 
-/// What Table 6.4 prints for a figure.
-#[derive(Debug, Clone, Copy)]
-pub struct Printed64 {
-    /// Figure 6.7's letter.
-    pub figure: &'static str,
-    /// Active chunks, and their share of all in percent.
-    pub chunks: (u32, f64),
-    /// Milliseconds of the reconstruction and of the frame.
-    pub times: [f64; 2],
-    /// Mean squared error over coloured pixels, times 1000.
-    pub mse: f64,
-}
-
-/// Table 6.4 (paper-numbers: Steinberger2010, Tab6.4; dragon 128³, Core i7 and GeForce GTX 285).
-pub const PRINTED_6_4: [Printed64; 6] = [
-    printed("full", (4681, 100.0), [7.23, 225.0], 0.0),
-    printed("b", (3421, 73.0), [8.72, 219.0], 24.0),
-    printed("c", (1877, 40.0), [9.25, 161.0], 45.0),
-    printed("d", (585, 12.0), [6.11, 115.0], 57.0),
-    printed("e", (295, 6.0), [6.92, 89.3], 176.0),
-    printed("f", (73, 1.6), [3.58, 61.4], 370.0),
-];
-
-const fn printed(figure: &'static str, chunks: (u32, f64), times: [f64; 2], mse: f64) -> Printed64 {
-    Printed64 {
-        figure,
-        chunks,
-        times,
-        mse,
-    }
-}
+pub use isobar_octree::figures::printed::TABLE_6_4 as PRINTED_6_4;
 
 /// Ours, at the threshold that leaves the share of chunks of the thesis's row.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -69,39 +41,60 @@ pub struct LevelRow {
     pub parts: u64,
 }
 
-/// Measures the rows on a distance field, cubic, isovalue 0, default view at 1024x768; none where the file is not there.
-///
-/// # Errors
-/// When the file holds no grid, or a frame cannot be drawn.
-pub fn measure(file: &Path) -> Result<Vec<LevelRow>> {
-    if !file.exists() {
-        return Ok(Vec::new());
+/// The distance field of the table, cubic, isovalue 0, in the default view at 1024x768.
+#[derive(Debug, Clone)]
+pub struct Field {
+    /// The samples.
+    pub grid: Grid,
+    /// The view that chooses levels.
+    pub view: View,
+}
+
+impl Field {
+    /// Reads it; `None` where the file is not there.
+    ///
+    /// # Errors
+    /// When the file holds no grid.
+    pub fn load(file: &Path) -> Result<Option<Self>> {
+        Ok(load(file)?.map(|grid| Self {
+            view: View::fit(grid.domain().world_bounds(), 40.0, 1024, 768),
+            grid,
+        }))
     }
-    let named = || format!("{}", file.display());
-    let loaded = isobar_io::load(file, &isobar_io::Options::default()).with_context(named)?;
-    let Data::Grid(grid) = loaded.data else {
-        bail!("{} holds no grid", file.display());
-    };
-    let view = View::fit(grid.domain().world_bounds(), 40.0, 1024, 768);
-    let Camera::Perspective { eye, .. } = view.camera else {
-        bail!("the default view is in perspective");
-    };
-    let setting = Setting {
-        grid: &grid,
-        bank: Bank::Psi42,
-        isovalue: 0.0,
-        view: &view,
-        method: &isobar_octree::OCTREE_CPU,
-        threads: 1,
-        clock: isobar::machine::cpu_time,
-    };
-    let pyramid = Pyramid::new(&grid, setting.bank).with_context(named)?;
-    let epsilons: Vec<f64> = (PRINTED_6_4.iter())
-        .map(|p| epsilon_for(&pyramid, eye, p.chunks.1 / 100.0))
-        .collect();
+
+    /// What is drawn, by so many threads; 0: all.
+    #[must_use]
+    pub fn setting(&self, threads: usize) -> Setting<'_> {
+        Setting {
+            grid: &self.grid,
+            bank: Bank::Psi42,
+            isovalue: 0.0,
+            view: &self.view,
+            method: &isobar_octree::OCTREE_CPU,
+            threads,
+            clock: isobar::machine::cpu_time,
+        }
+    }
+
+    /// The rows at the thresholds that leave the thesis's shares of chunks, one thread, with their frames.
+    ///
+    /// # Errors
+    /// When a frame cannot be drawn.
+    pub fn rows(&self) -> Result<Vec<(Row, Picture)>> {
+        let setting = self.setting(1);
+        let eye = eye(setting.view)?;
+        let pyramid = Pyramid::new(&self.grid, setting.bank).context("the field of Table 6.4")?;
+        let share = |p: &isobar_octree::figures::printed::Printed64| epsilon_for(&pyramid, eye, p.chunks.1 / 100.0);
+        let epsilons: Vec<f64> = PRINTED_6_4.iter().map(share).collect();
+        setting.rows(eye, &epsilons, false).context("the field of Table 6.4")
+    }
+}
+
+/// The table.
+#[must_use]
+pub fn table(rows: &[(Row, Picture)]) -> Vec<LevelRow> {
     let ms = |d: Duration| d.as_secs_f64() * 1e3;
-    let rows = setting.rows(eye, &epsilons, false).with_context(named)?;
-    Ok((rows.iter().zip(PRINTED_6_4))
+    (rows.iter().zip(PRINTED_6_4))
         .map(|((r, _), p)| LevelRow {
             figure: p.figure.into(),
             epsilon: r.epsilon,
@@ -116,24 +109,15 @@ pub fn measure(file: &Path) -> Result<Vec<LevelRow>> {
             one_sided: r.one_sided as u64,
             parts: r.parts as u64,
         })
-        .collect())
+        .collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// The shares of Table 6.4 follow from its counts, of 4681 chunks.
-    #[test]
-    fn shares_follow_from_the_counts() {
-        for p in PRINTED_6_4 {
-            let share = 100.0 * f64::from(p.chunks.0) / 4681.0;
-            assert!((share - p.chunks.1).abs() < 0.6, "{p:?}: {share}");
-        }
-    }
-
     #[test]
     fn a_field_that_is_not_there_has_no_rows() {
-        assert_eq!(measure(Path::new("no such file.nrrd")).unwrap(), []);
+        assert!(Field::load(Path::new("no such file.nrrd")).unwrap().is_none());
     }
 }

@@ -12,68 +12,13 @@ use isobar_octree::finders::Finder;
 use serde::{Deserialize, Serialize};
 
 pub use isobar_octree::comparators::algebraic::STAGES as STAGES_6_1;
+pub use isobar_octree::figures::printed::{TABLE_6_1 as PRINTED_6_1, TABLE_6_3 as PRINTED_6_3};
 
 /// Degrees of the columns.
 pub const DEGREES: [&str; 3] = ["tri-linear", "tri-square", "tri-cubic"];
 
-/// Table 6.3 (a), milliseconds (paper-numbers: Steinberger2010, Tab6.3a): per data set five stages, per stage the three degrees. GeForce GTX 285 and Core i7,
-/// 1024x768.
-pub const PRINTED_6_3: [(&str, [[f64; 3]; 5]); 4] = [
-    (
-        "Bucky 32³",
-        [
-            [0.40, 0.39, 0.41],
-            [21.96, 32.95, 40.47],
-            [5.46, 21.92, 75.55],
-            [0.62, 6.30, 22.29],
-            [0.21, 2.32, 10.56],
-        ],
-    ),
-    (
-        "Dragon 128³",
-        [
-            [0.40, 0.40, 0.39],
-            [54.06, 92.94, 114.9],
-            [2.51, 11.88, 41.44],
-            [0.67, 4.52, 21.58],
-            [0.41, 2.90, 17.78],
-        ],
-    ),
-    (
-        "Foot 256³",
-        [
-            [0.40, 0.39, 0.40],
-            [100.2, 205.0, 224.0],
-            [3.85, 22.22, 67.16],
-            [1.26, 6.73, 23.48],
-            [0.71, 4.34, 22.58],
-        ],
-    ),
-    (
-        "Vertebra 512³",
-        [
-            [0.42, 0.42, 0.42],
-            [98.64, 173.6, 214.1],
-            [4.33, 20.11, 64.23],
-            [0.77, 4.53, 17.24],
-            [0.37, 2.50, 15.74],
-        ],
-    ),
-];
-
 /// Stages of [`PRINTED_6_3`].
 pub const STAGES: [&str; 5] = ["setup", "traverse", "composition + load", "rootfind", "normal calc + store"];
-
-/// Table 6.1, percent of a frame (paper-numbers: Steinberger2010, Tab6.1): per stage the three degrees. GeForce GTX 285.
-pub const PRINTED_6_1: [[f64; 3]; 7] = [
-    [8.390, 0.903, 0.187],
-    [6.936, 0.743, 0.141],
-    [6.090, 0.676, 0.139],
-    [3.941, 1.823, 1.029],
-    [71.017, 93.551, 97.489],
-    [1.546, 1.732, 0.972],
-    [2.079, 0.571, 0.042],
-];
 
 /// Frames of which the fastest counts.
 const REPEATS: usize = 3;
@@ -131,37 +76,4 @@ fn surface<const D: usize, const M: usize>(letter: &str, thesis: bool) -> Result
         stages: best.stages.map(|s| s.as_secs_f64() * 1e3),
         hits: best.points.iter().filter(|p| p.is_finite()).count() as u64,
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The columns of Table 6.1 are parts of a whole.
-    #[test]
-    fn shares_of_table_6_1_sum_to_a_hundred() {
-        for degree in 0..3 {
-            let all: f64 = PRINTED_6_1.iter().map(|s| s[degree]).sum();
-            assert!((all - 100.0).abs() < 0.01, "{}: {all}", DEGREES[degree]);
-        }
-    }
-
-    /// The relative half of Table 6.3 follows from the absolute one: the copies hold together.
-    #[test]
-    fn shares_follow_from_the_times() {
-        // Table 6.3 (b): traversal, percent.
-        let printed = [
-            [76.65, 51.58, 27.11],
-            [93.11, 82.51, 58.61],
-            [94.16, 85.89, 66.35],
-            [94.37, 86.31, 68.69],
-        ];
-        for ((name, stages), shares) in PRINTED_6_3.iter().zip(printed) {
-            for (degree, share) in shares.iter().enumerate() {
-                let whole: f64 = stages.iter().map(|s| s[degree]).sum();
-                let found = 100.0 * stages[1][degree] / whole;
-                assert!((found - share).abs() < 0.06, "{name} {}: {found}", DEGREES[degree]);
-            }
-        }
-    }
 }
