@@ -119,7 +119,8 @@ impl Peak {
 }
 
 impl TransferFunction {
-    /// Checks the points: at least one, finite, strictly ascending, colours in [0, 1], densities not negative, and a positive unit.
+    /// Checks the points: at least one, finite, strictly ascending, colours in [0, 1], densities not negative, and a positive unit
+    /// by which 1 and every density can be divided.
     ///
     /// # Errors
     /// [`DataError::Transfer`] naming the point (counted from 1) and what to do.
@@ -145,6 +146,12 @@ impl TransferFunction {
         }
         if !(unit > 0.0 && unit.is_finite()) {
             return bad(format!("unit {unit} is not a positive length; give it in world units"));
+        }
+        let densest = points.iter().fold(0.0f32, |m, p| m.max(p.2));
+        if !(1.0 / unit).is_finite() || !(f64::from(densest) / unit).is_finite() {
+            return bad(format!(
+                "unit {unit} is so small that the extinction of density {densest} overflows; give a longer unit"
+            ));
         }
         Ok(Self { points, unit })
     }
@@ -276,6 +283,9 @@ mod tests {
             (vec![(0.0, [0.0, 2.0, 0.0], 1.0)], 1.0),
             (vec![(0.0, c, 1.0)], 0.0),
             (vec![(0.0, c, 1.0)], f64::NAN),
+            (vec![(0.0, c, 1.0)], 1e-320),
+            (vec![(0.0, c, 1e38)], 1e-300),
+            (vec![(0.0, c, 0.0)], 1e-310),
         ] {
             assert!(TransferFunction::new(points.clone(), unit).is_err(), "{points:?} {unit}");
         }

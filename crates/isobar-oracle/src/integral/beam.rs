@@ -16,7 +16,7 @@
 //! **Sum.** With T the transparency of what lies before, C the colour of a leaf and eta the bound of the error of the depth so far,
 //! `|T C - T~ C~| <= T~ (|C - C~| + C~ (exp(eta) - 1))`; `|C - C~|` is at most the errors of E and X, the bound of the rule and `128 u C~` for roundings (all terms are sums of products
 //! that are not negative; at most 96 nodes, each with a dozen operations more than its sums of at most 47 terms whose weights sum to one). Second-order terms are covered by the factor 1.05; a depth known worse than
-//! 0.05 gives the error 1. Where T falls below a thousandth of the target the rest is left out: it is at most T in every channel.
+//! 0.05, or more than 2^20 parts, give the error 1, and what follows is left out. Where T falls below a thousandth of the target the rest is left out: it is at most T in every channel.
 
 use super::{
     rule::{DEEPEST, Rules},
@@ -80,8 +80,13 @@ pub(crate) struct Beam<'a> {
     front: f64,
     colour: [f64; 3],
     error: f64,
+    /// Parts looked at.
+    work: u32,
     pub(crate) leaves: u32,
 }
+
+/// More parts of one ray are not looked at (seconds): its colour is then unknown, the error 1. Rays through 64^3 samples take some hundreds.
+const MOST_WORK: u32 = 1 << 20;
 
 /// Parts are not cut more often: 2^-60 of a leg.
 const CUTS: u32 = 60;
@@ -103,8 +108,14 @@ impl<'a> Beam<'a> {
             front: 1.0,
             colour: [0.0; 3],
             error: 0.0,
+            work: 0,
             leaves: 0,
         }
+    }
+
+    /// Nothing can be said of the colour any more: the depth is known too badly, or the work is too much. Then the rest is left out.
+    fn hopeless(&self) -> bool {
+        self.depth_error.is_nan() || self.depth_error >= 0.05 || self.work > MOST_WORK
     }
 
     /// Begins, or begins again, with legs in `s = t - base`.
@@ -194,7 +205,7 @@ impl<'a> Beam<'a> {
 
     fn enough(&self) -> ControlFlow<()> {
         let glows = self.bands.is_some_and(|b| b.glow.is_some());
-        if self.front == 0.0 || (!glows && self.front < 1e-3 * self.target) {
+        if self.front == 0.0 || self.hopeless() || (!glows && self.front < 1e-3 * self.target) {
             return Break(());
         }
         Continue(())
@@ -207,6 +218,10 @@ impl<'a> Beam<'a> {
         while let Some(p) = self.stack.pop() {
             if p.s1 <= p.s0 {
                 continue;
+            }
+            self.work += 1;
+            if self.work > MOST_WORK {
+                return Break(());
             }
             let b = &p.b[..=self.rules.degree];
             let (lo, hi) = hull(b);
@@ -278,7 +293,7 @@ impl<'a> Beam<'a> {
         let wrong = length * Self::doubt(bands, k, &p.b[..=n], 2.0 * p.e);
         if band.most == 0.0 {
             self.add_doubt(wrong);
-            return Continue(());
+            return self.enough();
         }
         let mut w = [0.0; MOST + 1];
         if band.from.is_finite() && band.to.is_finite() {
@@ -298,7 +313,7 @@ impl<'a> Beam<'a> {
                 return Continue(());
             }
             self.add_doubt(length * band.most);
-            return Continue(());
+            return self.enough();
         };
         self.leaves += 1;
         // 32u: the place in the band, its mean, the depth.
@@ -390,7 +405,7 @@ impl<'a> Beam<'a> {
         let rest = if self.enough().is_break() { self.front } else { 0.0 };
         let opacity_error = self.front * self.spread() + 4.0 * U64;
         let error = 1.05 * (self.error.max(opacity_error) + rest);
-        let hopeless = !(self.depth_error < 0.05 && error.is_finite());
+        let hopeless = self.hopeless() || !error.is_finite();
         let error = if hopeless { error.max(1.0) } else { error };
         ([r, g, b, 1.0 - self.front], error)
     }

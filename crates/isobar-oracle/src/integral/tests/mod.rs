@@ -432,6 +432,23 @@ fn extremes_keep_their_bound() {
     }
 }
 
+/// A medium denser than f64 can follow, in a band that it leaves and enters again: the bound says that nothing is known, and soon.
+#[test]
+fn hopeless_media_end() {
+    let g = noise(5, 4);
+    for density in [1e18, 1e25, 1e30] {
+        let m = tf(&[(0.0, RED, density), (1.0, BLUE, 0.0)], 1.0);
+        for (name, f) in all_kinds(&g) {
+            let c = integral(&f, &m).colour(&ray([-3.0, 1.9, 2.1], [1.0, 0.02, 0.03]));
+            assert!(
+                c.error >= 1.0 || (c.rgba[3] - 1.0).abs() <= c.error,
+                "{name} {density}: {c:?}"
+            );
+            assert!(c.leaves < 100_000, "{name} {density}: {c:?}");
+        }
+    }
+}
+
 /// A polynomial over a box: s = x along x, and a sextic against dense quadrature.
 #[test]
 fn polynomials_in_world_coordinates() {
