@@ -13,15 +13,21 @@ const MAX_TETS: usize = 1 << 27;
 /// More elements than this (about 1.8 GiB) are refused.
 const MAX_HEXES: usize = 1 << 22;
 
-/// The number of cells of a grid with at least two samples along each axis and at most `most` times `per` cells.
-fn cells(grid: &Grid, per: usize, most: usize) -> Result<[usize; 3], DataError> {
-    let cells = grid.dims.map(|n| n.saturating_sub(1));
-    cells
-        .iter()
-        .try_fold(per, |n, &c| n.checked_mul(c))
-        .filter(|&n| n > 0 && n <= most)
-        .map(|_| cells)
-        .ok_or(DataError::Dims(grid.dims))
+/// The number of cells of a grid with at least two samples along each axis. `form` is what becomes of it.
+fn cells(grid: &Grid, form: &str) -> Result<[usize; 3], DataError> {
+    if grid.dims.iter().any(|&n| n < 2) {
+        return Err(DataError::TooThin {
+            reconstruction: form.to_owned(),
+            dims: grid.dims,
+        });
+    }
+    Ok(grid.dims.map(|n| n - 1))
+}
+
+/// Why a grid makes too many cells of a kind, if it does: `per` of them per cell of the grid.
+fn too_many(cells: [usize; 3], per: usize, most: usize, what: &str) -> Option<String> {
+    let n = cells.iter().fold(per as u128, |n, &c| n.saturating_mul(c as u128));
+    (n > most as u128).then(|| format!("{n} {what} of {cells:?} cells are more than {most}"))
 }
 
 /// Five tetrahedra per cell, alternating with the parity of i + j + k; points and values are the samples.
@@ -30,10 +36,13 @@ fn cells(grid: &Grid, per: usize, most: usize) -> Result<[usize; 3], DataError> 
 /// interpolant on it agrees with the samples, not with the trilinear reconstruction between them.
 ///
 /// # Errors
-/// [`DataError::Dims`] where an axis has one sample only or there would be more than 2^27 tetrahedra,
+/// [`DataError::TooThin`] where an axis has one sample only, [`DataError::Mesh`] where there would be more than 2^27 tetrahedra,
 /// [`DataError::NotFinite`] where a sample is NaN or infinite.
 pub fn grid_to_tets(grid: &Grid) -> Result<TetMesh, DataError> {
-    let cells = cells(grid, 5, MAX_TETS)?;
+    let cells = cells(grid, "as=tets")?;
+    if let Some(reason) = too_many(cells, 5, MAX_TETS, "tetrahedra") {
+        return Err(DataError::Mesh(reason));
+    }
     grid.require_finite()?;
     let domain = grid.domain();
     let [nx, ny, _] = grid.dims;
@@ -68,14 +77,16 @@ pub fn grid_to_tets(grid: &Grid) -> Result<TetMesh, DataError> {
     TetMesh::new(points.into(), tets.into(), values.into())
 }
 
-/// One trilinear Bezier element per cell, x fastest, weights 1: its attribute is the trilinear reconstruction of the grid.
+/// One trilinear Bezier element per cell, x fastest, weights 1: its attribute is the trilinear reconstruction of the grid. Samples that are NaN or infinite stay so:
+/// [`HexPatches::new`] refuses such elements.
 ///
 /// # Errors
-/// [`DataError::Dims`] where an axis has one sample only or there would be more than 2^22 elements,
-/// [`DataError::NotFinite`] where a sample is NaN or infinite.
+/// [`DataError::TooThin`] where an axis has one sample only, [`DataError::Elements`] where there would be more than 2^22 elements.
 pub fn grid_to_hexes(grid: &Grid) -> Result<HexPatches, DataError> {
-    let cells = cells(grid, 1, MAX_HEXES)?;
-    grid.require_finite()?;
+    let cells = cells(grid, "as=hexes")?;
+    if let Some(reason) = too_many(cells, 1, MAX_HEXES, "elements") {
+        return Err(DataError::Elements(reason));
+    }
     let domain = grid.domain();
     let elements: Vec<HexElement> = (0..cells.iter().product::<usize>())
         .into_par_iter()
@@ -167,13 +178,25 @@ mod tests {
     #[test]
     fn thin_huge_and_bad_grids_are_refused() {
         let one = Grid::unit([1, 4, 4], Samples::U8(vec![0; 16].into())).unwrap();
-        assert_eq!(grid_to_tets(&one), Err(DataError::Dims([1, 4, 4])));
-        assert_eq!(grid_to_hexes(&one), Err(DataError::Dims([1, 4, 4])));
+        let thin = |form: &str| DataError::TooThin {
+            reconstruction: form.into(),
+            dims: [1, 4, 4],
+        };
+        assert_eq!(grid_to_tets(&one), Err(thin("as=tets")));
+        assert_eq!(grid_to_hexes(&one), Err(thin("as=hexes")));
         let large = Grid::unit([302, 302, 302], Samples::U8(vec![0; 302 * 302 * 302].into())).unwrap();
-        assert_eq!(grid_to_tets(&large), Err(DataError::Dims([302; 3])));
-        assert_eq!(grid_to_hexes(&large), Err(DataError::Dims([302; 3])));
+        let said = |e: DataError, words: [&str; 2]| {
+            let text = e.to_string();
+            assert!(words.iter().all(|w| text.contains(w)), "{text}");
+        };
+        said(
+            grid_to_tets(&large).unwrap_err(),
+            ["136354505 tetrahedra", "more than 134217728"],
+        );
+        said(grid_to_hexes(&large).unwrap_err(), ["27270901 elements", "more than 4194304"]);
         let nan = Grid::unit([2, 2, 2], Samples::F32(vec![f32::NAN; 8].into())).unwrap();
         assert!(matches!(grid_to_tets(&nan), Err(DataError::NotFinite { count: 8, total: 8 })));
-        assert!(grid_to_hexes(&nan).is_err());
+        let kept = grid_to_hexes(&nan).unwrap();
+        assert!(kept.elements[0].values.iter().all(|v| v.is_nan()) && HexPatches::new(kept.elements).is_err());
     }
 }

@@ -7,8 +7,9 @@
 
 use crate::error::{Cause, quoted};
 use crate::field::{Choice, Named, choices, choose};
+use crate::finite::tetrahedra;
 use crate::{Loaded, Options};
-use isobar_core::{DVec3, Data, TetMesh};
+use isobar_core::{DVec3, Data};
 use std::collections::HashMap;
 
 /// More tetrahedra than this (2 GiB of indices) are refused.
@@ -202,7 +203,7 @@ fn numbered(points: &[DVec3]) -> Vec<u32> {
         .collect()
 }
 
-/// Tetrahedra with values at the points: turned over where their volume is negative; those without volume stay, are counted, and are not drawn.
+/// Tetrahedra with values at the points, NaN replaced as asked, or counted: turned over where their volume is negative; those without volume stay, are counted, and are not drawn.
 pub(crate) fn finish(
     points: Vec<DVec3>,
     mut tets: Vec<[u32; 4]>,
@@ -212,20 +213,14 @@ pub(crate) fn finish(
     mut notes: Vec<String>,
     o: &Options,
 ) -> Result<Loaded, Cause> {
-    let bad = values.iter().filter(|v| !v.is_finite()).count();
-    if bad > 0 {
-        let Some(value) = o.nan else {
-            return Err(Cause::Unsupported {
-                format: "mesh",
-                what: format!("{bad} NaN or infinite values"),
-                remedy: "give --nan C to read them as C",
-            });
-        };
+    let mut not_finite = values.iter().filter(|v| !v.is_finite()).count();
+    if let Some(value) = o.nan.filter(|_| not_finite > 0) {
         if !(value as f32).is_finite() {
             return Err(Cause::Replacement(value));
         }
         values.iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = value as f32);
-        notes.push(format!("{bad} NaN or infinite values were read as {value}"));
+        notes.push(format!("{not_finite} NaN or infinite values were read as {value}"));
+        not_finite = 0;
     }
     let (mut flat, mut turned) = (0, 0);
     for t in &mut tets {
@@ -250,12 +245,13 @@ pub(crate) fn finish(
             tets.len()
         ));
     }
-    let mesh = TetMesh::new(points.into(), tets.into(), values.into())?;
+    let mesh = tetrahedra(points, tets, values)?;
     Ok(Loaded {
         data: Data::Tets(mesh),
         field,
         fields,
         notes,
+        not_finite,
     })
 }
 

@@ -136,6 +136,9 @@ pub enum Cause {
     /// Geometry or counts that core refuses.
     #[error("{0}; correct the header")]
     Data(#[from] DataError),
+    /// A grid that cannot become elements: too thin, or more cells than elements there may be.
+    #[error("{0}; crop it, or leave as=hexes out")]
+    AsHexes(DataError),
     /// Trouble in the file that holds the samples of a detached header.
     #[error("its data file {name}: {cause}")]
     Detached {

@@ -6,8 +6,9 @@
 
 use crate::error::Cause;
 use crate::field::Choice;
+use crate::finite::{elements as elements_of, replace};
 use crate::{Loaded, Options};
-use isobar_core::{DVec3, Data, HexElement, HexPatches};
+use isobar_core::{DVec3, Data, HexElement};
 use isobar_fields::hexes_bezier::{Tensor, equidistant, interpolation};
 
 /// VTK's number of the cell.
@@ -85,7 +86,7 @@ impl Conversion {
 }
 
 impl Cells {
-    /// The elements, with NaN replaced as asked.
+    /// The elements, with NaN replaced as asked, or counted.
     pub(crate) fn loaded(
         mut self,
         choice: Choice,
@@ -93,7 +94,7 @@ impl Cells {
         mut notes: Vec<String>,
         o: &Options,
     ) -> Result<Loaded, Cause> {
-        replace(&mut self.values, &mut notes, o)?;
+        let not_finite = replace(&mut self.values, &mut notes, o)?;
         let mut conversions: [Option<Conversion>; MOST_ORDER + 1] = Default::default();
         let mut elements = Vec::with_capacity(self.ends.len());
         let mut start = 0;
@@ -133,10 +134,11 @@ impl Cells {
             notes.push("values of cells are constant on each element".into());
         }
         Ok(Loaded {
-            data: Data::Hexes(HexPatches::new(elements)?),
+            data: Data::Hexes(elements_of(elements)?),
             field: choice.name,
             fields,
             notes,
+            not_finite,
         })
     }
 
@@ -162,27 +164,6 @@ impl Cells {
             rational_value: false,
         }
     }
-}
-
-/// Replaces NaN and infinite values, or refuses them.
-pub(crate) fn replace(values: &mut [f64], notes: &mut Vec<String>, o: &Options) -> Result<(), Cause> {
-    let bad = values.iter().filter(|v| !v.is_finite()).count();
-    if bad == 0 {
-        return Ok(());
-    }
-    let Some(value) = o.nan else {
-        return Err(Cause::Unsupported {
-            format: "mesh",
-            what: format!("{bad} NaN or infinite values"),
-            remedy: "give --nan C to read them as C",
-        });
-    };
-    if !value.is_finite() {
-        return Err(Cause::Replacement(value));
-    }
-    values.iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = value);
-    notes.push(format!("{bad} NaN or infinite values were read as {value}"));
-    Ok(())
 }
 
 #[cfg(test)]

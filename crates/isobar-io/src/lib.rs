@@ -15,6 +15,7 @@ mod base64_stream;
 mod cells;
 mod error;
 mod field;
+mod finite;
 #[doc(hidden)]
 pub mod fuzz;
 mod input;
@@ -51,7 +52,7 @@ use std::path::Path;
 pub struct Options {
     /// Name of the field; without it the first scalar of the points (else of the cells, else the first field of any kind).
     pub field: Option<String>,
-    /// What NaN and infinite samples are read as; without it they are kept, and [`Grid::require_finite`] tells.
+    /// What NaN and infinite samples are read as; without it they are kept: [`Grid::require_finite`] and [`Loaded::not_finite`] tell.
     pub nan: Option<f64>,
     /// Whether fields of the cells of a mesh are averaged to its points; without it they are refused.
     pub cell_to_point: bool,
@@ -71,6 +72,9 @@ pub struct Loaded {
     pub fields: Vec<String>,
     /// Warnings, a line each: values changed by rounding, surplus data ignored, NaN replaced.
     pub notes: Vec<String>,
+    /// Values of a mesh or of elements, as counted in the file, that are NaN or infinite and were left so: such data are to be described, not drawn. A Bezier element
+    /// with one may hold NaN in all its coefficients. 0 for a grid, whose samples tell themselves.
+    pub not_finite: usize,
 }
 
 /// Reads a volume from a file.
@@ -99,7 +103,10 @@ pub fn load_bytes(name: &str, bytes: &[u8], o: &Options) -> Result<Loaded, IoErr
 fn in_form(mut l: Loaded, o: &Options) -> Result<Loaded, Cause> {
     if o.as_hexes {
         match &l.data {
-            Data::Grid(g) => l.data = Data::Hexes(isobar_fields::grid_to_hexes(g)?),
+            Data::Grid(g) => {
+                l.not_finite = g.samples.range().1;
+                l.data = Data::Hexes(isobar_fields::grid_to_hexes(g).map_err(Cause::AsHexes)?);
+            }
             Data::Hexes(_) => {}
             other => {
                 return Err(Cause::Unsupported {

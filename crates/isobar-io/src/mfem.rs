@@ -7,12 +7,12 @@
 
 use crate::error::{Cause, quoted};
 use crate::field::no_field;
+use crate::finite::{elements as elements_of, refusal, replace};
 use crate::input::Input;
-use crate::lagrange::replace;
 use crate::mfem_dofs::{Numbering, Topology, edge};
 use crate::nurbs::{Volume, loaded, text};
 use crate::{Loaded, Options};
-use isobar_core::{Data, HexElement, HexPatches};
+use isobar_core::{Data, HexElement};
 use isobar_fields::NurbsPatch;
 use isobar_fields::hexes_bezier::{Tensor, interpolation};
 
@@ -239,7 +239,12 @@ pub(crate) fn read(input: &dyn Input, o: &Options) -> Result<Loaded, Cause> {
 
 /// Reads a mesh and a grid function.
 pub(crate) fn read_both(mesh: &str, function: Option<&str>, o: &Options) -> Result<Loaded, Cause> {
-    let field = function.map(|t| Function::read(&mut Words::new(t))).transpose()?;
+    let mut field = function.map(|t| Function::read(&mut Words::new(t))).transpose()?;
+    let (mut notes, mut not_finite) = (Vec::new(), 0);
+    // In the file's own numbers: a coefficient of an element is made of many.
+    if let Some(f) = field.as_mut().filter(|_| o.field.as_deref().is_none_or(|n| n == "field")) {
+        not_finite = replace(&mut f.values, &mut notes, o)?;
+    }
     if let Some(f) = field.as_ref().filter(|f| f.dim != 1) {
         return Err(Cause::Unsupported {
             format: FORMAT,
@@ -293,11 +298,20 @@ pub(crate) fn read_both(mesh: &str, function: Option<&str>, o: &Options) -> Resu
                 .ok_or_else(|| bad(format!("a boundary element of geometry {shape}")))?,
         )?;
     }
-    if nurbs {
-        read_nurbs(words, topology, field, o)
+    let read = if nurbs {
+        if not_finite > 0 {
+            return Err(refusal(FORMAT, not_finite));
+        }
+        read_nurbs(words, topology, field, o)?
     } else {
-        read_plain(words, topology, field.as_ref(), o)
-    }
+        read_plain(words, topology, field.as_ref(), o)?
+    };
+    notes.extend(read.notes);
+    Ok(Loaded {
+        notes,
+        not_finite,
+        ..read
+    })
 }
 
 /// The corners of all elements are vertices there are.
@@ -340,15 +354,10 @@ fn read_plain(mut words: Words<'_>, mut topology: Topology, field: Option<&Funct
     }
     let (degree, geometry) = coefficients(&topology, &positions, 3)?;
     let axis = ["x", "y", "z"].iter().position(|a| *a == name);
-    let mut notes = Vec::new();
-    let (value_degree, mut values) = match (axis, field) {
+    let (value_degree, values) = match (axis, field) {
         (None, Some(f)) => coefficients(&topology, f, 1)?,
         _ => (degree, geometry.iter().skip(axis.unwrap_or(0)).step_by(3).cloned().collect()),
     };
-    for v in &mut values {
-        replace(v, &mut notes, o)?;
-    }
-    notes.dedup();
     let elements: Vec<HexElement> = geometry
         .chunks_exact(3)
         .zip(values)
@@ -361,10 +370,11 @@ fn read_plain(mut words: Words<'_>, mut topology: Topology, field: Option<&Funct
         })
         .collect();
     Ok(Loaded {
-        data: Data::Hexes(HexPatches::new(elements)?),
+        data: Data::Hexes(elements_of(elements)?),
         field: name,
         fields,
-        notes,
+        notes: Vec::new(),
+        not_finite: 0,
     })
 }
 

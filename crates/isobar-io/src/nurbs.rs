@@ -69,6 +69,7 @@ pub(crate) fn loaded(volumes: Vec<Volume>, name: &str, format: &'static str, o: 
         field,
         fields,
         notes: Vec::new(),
+        not_finite: 0,
     })
 }
 

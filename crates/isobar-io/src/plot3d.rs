@@ -9,11 +9,11 @@
 use crate::cells::{finish, points};
 use crate::error::Cause;
 use crate::field::{Named, choices, choose};
+use crate::finite::{elements as elements_of, replace};
 use crate::input::{Input, fill};
-use crate::lagrange::replace;
 use crate::sample::{Layout, Pick, Scalar, numbers_binary};
 use crate::{Loaded, Options};
-use isobar_core::{DVec3, Data, HexElement, HexPatches};
+use isobar_core::{DVec3, Data, HexElement};
 
 const FORMAT: &str = "PLOT3D file";
 
@@ -159,9 +159,7 @@ pub(crate) fn read_both(grid: &dyn Input, solution: &dyn Input, o: &Options) -> 
     }
     let mut values = values;
     let mut notes = Vec::new();
-    if o.as_hexes {
-        replace(&mut values, &mut notes, o)?;
-    }
+    let not_finite = if o.as_hexes { replace(&mut values, &mut notes, o)? } else { 0 };
     let mut hidden = 0usize;
     for k in 0..nk - 1 {
         for j in 0..nj - 1 {
@@ -189,10 +187,11 @@ pub(crate) fn read_both(grid: &dyn Input, solution: &dyn Input, o: &Options) -> 
     let fields = all.into_iter().map(|c| c.name).collect();
     if o.as_hexes {
         return Ok(Loaded {
-            data: Data::Hexes(HexPatches::new(elements)?),
+            data: Data::Hexes(elements_of(elements)?),
             field: choice.name,
             fields,
             notes,
+            not_finite,
         });
     }
     let values = values.into_iter().map(|v| v as f32).collect();

@@ -113,6 +113,7 @@ pub(crate) fn loaded(
         field,
         fields,
         notes,
+        not_finite: 0,
     })
 }
 

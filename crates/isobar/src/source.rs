@@ -28,6 +28,8 @@ pub struct Source {
     pub fields: Vec<String>,
     /// Warnings worth a line each.
     pub notes: Vec<String>,
+    /// Values of a mesh or of elements that are NaN or infinite, as counted in the file.
+    not_finite: usize,
     hash: OnceLock<String>,
 }
 
@@ -43,10 +45,15 @@ pub fn open(spec: &str, options: &Options) -> Result<Source> {
         field,
         fields,
         notes,
+        not_finite: 0,
         hash: OnceLock::new(),
     };
     if let Some(text) = spec.strip_prefix(SYNTHETIC) {
-        let synthetic: Synthetic = text.parse().with_context(|| format!("DATA {spec}"))?;
+        // The contract writes the parameter as its paper does.
+        let synthetic: Synthetic = text
+            .replace(",f_M=", ",fm=")
+            .parse()
+            .with_context(|| format!("DATA {spec}"))?;
         ensure!(
             options.field.is_none(),
             "--field {}: synthetic data have one field; leave the flag out",
@@ -55,11 +62,26 @@ pub fn open(spec: &str, options: &Options) -> Result<Source> {
         let data = synthetic.data().with_context(|| format!("DATA {spec}"))?;
         let field = synthetic.field().clone();
         let name = field.function.name();
-        return Ok(source(data, Some(field), name.clone(), vec![name], vec![]));
+        let sized = text.split(',').any(|part| part.trim().starts_with("n="));
+        let notes = match &data {
+            Data::Algebraic(_) if sized => vec![format!("n= changes nothing of {spec}: as=algebraic is the polynomial itself")],
+            _ => Vec::new(),
+        };
+        return Ok(source(data, Some(field), name.clone(), vec![name], notes));
     }
     let (path, options) = file(spec, options)?;
     let loaded = isobar_io::load(Path::new(path), &options).map_err(|e| anyhow!("{e}"))?;
-    Ok(source(loaded.data, None, loaded.field, loaded.fields, loaded.notes))
+    Ok(Source {
+        not_finite: loaded.not_finite,
+        ..source(loaded.data, None, loaded.field, loaded.fields, loaded.notes)
+    })
+}
+
+/// The file that DATA names; `None` for synthetic data.
+#[must_use]
+pub fn path(spec: &str) -> Option<&Path> {
+    let named = || file(spec, &Options::default()).map_or(spec, |(path, _)| path);
+    (!spec.starts_with(SYNTHETIC)).then(|| Path::new(named()))
 }
 
 /// The path of `FILE[,as=hexes]` and how it is read. A file of that very name is taken as it is.
@@ -84,7 +106,7 @@ impl Source {
         self.data.bounds()
     }
 
-    /// Checks that all samples of a grid are finite: what drawing needs.
+    /// Checks that all values are finite: what drawing needs.
     ///
     /// # Errors
     /// When some are not; the text names the data and `--nan`.
@@ -92,6 +114,12 @@ impl Source {
         if let Data::Grid(g) = &*self.data {
             g.require_finite().with_context(|| format!("DATA {}", self.name))?;
         }
+        ensure!(
+            self.not_finite == 0,
+            "DATA {}: {} values are NaN or infinite; read them as a number with --nan C",
+            self.name,
+            self.not_finite
+        );
         Ok(())
     }
 
@@ -140,7 +168,10 @@ impl Source {
                 !matches!(g.samples, Samples::F32(_)),
             ),
             Data::Tets(m) => summary(|f| m.values.iter().for_each(|&v| f(f64::from(v))), false),
-            Data::Hexes(h) => summary(|f| h.elements.iter().flat_map(|e| e.values.iter()).for_each(|&v| f(v)), false),
+            Data::Hexes(h) => Summary {
+                nan: self.not_finite,
+                ..summary(|f| h.elements.iter().flat_map(|e| e.values.iter()).for_each(|&v| f(v)), false)
+            },
             Data::Algebraic(a) => {
                 let n = 33usize;
                 let at = |i: usize| i as f64 / (n - 1) as f64;
@@ -157,7 +188,7 @@ impl Source {
 pub struct Summary {
     /// Values looked at. Those of hexes are control coefficients; a polynomial is sampled at 33^3 points.
     pub count: usize,
-    /// NaN or infinite ones.
+    /// NaN or infinite ones; of hexes those of the file, each of which may be in many coefficients.
     pub nan: usize,
     /// Least and greatest finite value.
     pub range: Option<(f64, f64)>,
@@ -288,6 +319,19 @@ mod tests {
         assert_eq!((s.data.kind(), s.cells(), s.summary().range), ("hexes", 2, Some((0.0, 11.0))));
         let e = open(&format!("{name},as=tets")).unwrap_err().to_string();
         assert!(e.contains("as=tets") && e.contains("as=hexes"), "{e}");
+    }
+
+    #[test]
+    fn keys_are_the_contracts_and_unused_ones_are_told() {
+        let a = open("synthetic:marschner-lobb,n=8,f_M=3").unwrap();
+        assert_eq!(a.hash(), open("synthetic:marschner-lobb,n=8,fm=3").unwrap().hash());
+        assert_ne!(a.hash(), open("synthetic:marschner-lobb,n=8").unwrap().hash());
+        assert!(open("synthetic:sphere,as=algebraic,n=8").unwrap().notes[0].contains("n="));
+        assert!(open("synthetic:sphere,as=algebraic").unwrap().notes.is_empty());
+        assert_eq!(
+            (path("synthetic:sphere"), path("a.vtk,as=hexes")),
+            (None, Some(Path::new("a.vtk")))
+        );
     }
 
     #[test]

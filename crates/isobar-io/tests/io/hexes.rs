@@ -427,3 +427,59 @@ fn linear_hexahedra_are_read_as_elements_where_asked() {
     let tetra = load_bytes("a.vtk", file(10, [0; 8]).as_bytes(), &o).unwrap_err().to_string();
     assert!(tetra.contains("cell 0 of type 10") && tetra.lines().count() == 1, "{tetra}");
 }
+
+/// NaN of the file are counted there, whatever becomes of them in coefficients and tetrahedra; replaced, they are ordinary numbers.
+#[test]
+fn values_that_are_not_finite_are_counted_in_the_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let [plain, _] = mfem();
+    let (mesh, field) = plain.split_once('\u{c}').unwrap();
+    let mesh_file = dir.path().join("a.mesh");
+    std::fs::write(&mesh_file, mesh).unwrap();
+    std::fs::write(dir.path().join("a.gf"), field.replace("\n44\n", "\nnan\n")).unwrap();
+    let grid = dir.path().join("g.vtk");
+    let text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 3 2 2\nORIGIN 0 0 0\nSPACING 1 1 1\n\
+                POINT_DATA 12\nSCALARS s float 1\nLOOKUP_TABLE default\n0 nan 2 3 4 5 6 7 8 9 10 11\n";
+    std::fs::write(&grid, text).unwrap();
+    let tets = dir.path().join("t.vtk");
+    let text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\nCELLS 1 5\n4 0 1 2 3\n\
+                CELL_TYPES 1\n10\nPOINT_DATA 4\nSCALARS s float 1\nLOOKUP_TABLE default\n0 nan 2 3\n";
+    std::fs::write(&tets, text).unwrap();
+    for (file, as_hexes) in [(mesh_file, false), (grid, true), (tets, false)] {
+        let o = Options {
+            as_hexes,
+            ..Options::default()
+        };
+        let l = load(&file, &o).unwrap();
+        let bad = |data: &Data| match data {
+            Data::Hexes(h) => h
+                .elements
+                .iter()
+                .flat_map(|e| e.values.iter())
+                .filter(|v| !v.is_finite())
+                .count(),
+            Data::Tets(m) => m.values.iter().filter(|v| !v.is_finite()).count(),
+            other => panic!("{}", other.kind()),
+        };
+        assert!(l.not_finite == 1 && bad(&l.data) >= 1, "{}: {}", file.display(), l.not_finite);
+        let replaced = load(&file, &Options { nan: Some(1.0), ..o }).unwrap();
+        assert_eq!((replaced.not_finite, bad(&replaced.data)), (0, 0), "{}", file.display());
+        assert!(replaced.notes[0].starts_with("1 NaN or infinite"), "{:?}", replaced.notes);
+    }
+    let large = dir.path().join("large.vtk");
+    let text = format!(
+        "# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 164 164 164\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA {}\n\
+         SCALARS s unsigned_char 1\nLOOKUP_TABLE default\n",
+        164 * 164 * 164
+    );
+    std::fs::write(&large, [text.as_bytes(), &vec![1; 164 * 164 * 164]].concat()).unwrap();
+    let o = Options {
+        as_hexes: true,
+        ..Options::default()
+    };
+    let e = load(&large, &o).unwrap_err().to_string();
+    assert!(
+        e.contains("more than 4194304") && e.ends_with("crop it, or leave as=hexes out"),
+        "{e}"
+    );
+}
