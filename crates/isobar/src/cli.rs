@@ -4,7 +4,7 @@ use crate::interrupt;
 use crate::verbs;
 use crate::view_spec::ViewFlags;
 use anyhow::Result;
-use clap::error::{ContextKind, ErrorKind};
+use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;
 use std::io::Write;
@@ -18,7 +18,7 @@ use std::path::PathBuf;
     disable_help_subcommand = true,
     after_help = "DATA is a file (NRRD, NIfTI, VTI, legacy VTK, Open SciVis raw; meshes and elements) or synthetic:NAME[,n=64]\n\
                   [,as=grid|algebraic|tets|hexes][,key=value...], such as synthetic:gyroid,n=128. FILE,as=hexes reads hexahedra, PLOT3D and grids as elements.\n\
-                  Exit status: 0 done, 1 answered no (check), 2 unusable input or arguments, 130 interrupted.\n\
+                  Exit status: 0 done, 1 answered no (check, compare), 2 unusable input or arguments, 130 interrupted.\n\
                   Certified truth is kept under $ISOBAR_CACHE, else target/isobar-truth of the workspace, else the user's cache folder."
 )]
 pub struct Cli {
@@ -144,7 +144,7 @@ pub struct RenderArgs {
     /// Transfer function between the surfaces: TOML with points = [[value, r, g, b, density], ...] and unit
     #[arg(help_heading = "Scene", long, value_name = "FILE")]
     pub tf: Option<PathBuf>,
-    /// An opaque triangle mesh in the same world, joined by distance; its surface index is the number of isovalues
+    /// An opaque triangle mesh in the same world, joined by distance; its surface index is the number of surfaces (isovalues, parameters, boundary)
     #[arg(help_heading = "Scene", long, value_name = "FILE.off|.ply")]
     pub mesh: Option<PathBuf>,
     /// Write the image; may be repeated. png: sRGB over white; exr: linear colour, t, normals; npz: every channel
@@ -281,14 +281,16 @@ pub enum Parsed {
 /// # Errors
 /// When they cannot be used: one line that names the argument, the reason and where help is.
 pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Parsed> {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let verb = arguments.get(1).and_then(|a| a.to_str()).unwrap_or_default().to_owned();
     let matches = match Cli::command().try_get_matches_from(arguments) {
         Ok(m) => m,
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             return Ok(Parsed::Text(e.to_string()));
         }
-        Err(e) => anyhow::bail!("{}", reduce(&e)),
+        Err(e) => anyhow::bail!("{}", reduce(&e, &verb)),
     };
-    let mut cli = Cli::from_arg_matches(&matches).map_err(|e| anyhow::anyhow!("{}", reduce(&e)))?;
+    let mut cli = Cli::from_arg_matches(&matches).map_err(|e| anyhow::anyhow!("{}", reduce(&e, &verb)))?;
     if let Some((_, of_verb)) = matches.subcommand() {
         match &mut cli.verb {
             Verb::Render(a) => a.view.place_caps(of_verb),
@@ -300,8 +302,8 @@ pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Parsed> {
     Ok(Parsed::Verb(Box::new(cli.verb)))
 }
 
-/// A parser's error in one line.
-fn reduce(e: &clap::Error) -> String {
+/// A parser's error in one line; `word` is the first argument, which should be the verb.
+fn reduce(e: &clap::Error, word: &str) -> String {
     if matches!(
         e.kind(),
         ErrorKind::MissingSubcommand | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
@@ -317,21 +319,8 @@ fn reduce(e: &clap::Error) -> String {
         .collect();
     let said = said.join(" ").replace(" tip: ", "; ");
     let said = said.strip_prefix("error: ").unwrap_or(&said);
-    let verb = match e.get(ContextKind::Usage) {
-        Some(usage) => {
-            let usage = usage.to_string();
-            let word = usage
-                .split_whitespace()
-                .skip_while(|w| *w != "isobar")
-                .nth(1)
-                .unwrap_or_default()
-                .to_owned();
-            if word.starts_with(|c: char| c.is_ascii_lowercase()) {
-                format!(" {word}")
-            } else {
-                String::new()
-            }
-        }
+    let verb = match Cli::command().find_subcommand(word) {
+        Some(verb) => format!(" {}", verb.get_name()),
         None => String::new(),
     };
     format!("{said}; see isobar{verb} --help")
@@ -364,7 +353,7 @@ pub fn run(arguments: Vec<OsString>) -> u8 {
         }
         // Whatever the work said when it was stopped.
         Err(_) if interrupt::is_asked() => {
-            complain("interrupted");
+            interrupt::tell();
             interrupt::STATUS
         }
         Err(e) => {
@@ -488,6 +477,10 @@ mod tests {
                 "{args:?}: {e}"
             );
         }
+        let e = line(&["check", "a", "--method", "m", "--isovalue", "1", "--rays", "x"])
+            .unwrap_err()
+            .to_string();
+        assert!(e.ends_with("see isobar check --help"), "{e}");
         assert!(matches!(line(&["--help"]), Ok(Parsed::Text(t)) if t.contains("compare")));
         assert!(matches!(line(&["check", "--help"]), Ok(Parsed::Text(t)) if t.contains("--strict")));
         assert!(matches!(line(&["--version"]), Ok(Parsed::Text(_))));

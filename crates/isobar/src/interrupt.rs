@@ -1,10 +1,12 @@
-//! Ctrl-C, and the other signals that ask a program to end: work under way is stopped, a file being written is completed, the program ends
-//! with one line and [`STATUS`].
+//! Ctrl-C, and the other signals that ask a program to end: a file being written is completed, then the program ends with one line and
+//! [`STATUS`], whatever it is doing. Only drawing on a device is waited for, as far as the next stop it hears: the driver's own threads must not run
+//! into the end of the process. A second signal ends that too.
 
 use anyhow::{Result, ensure};
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// Exit status of an interrupted run, as shells have it: 128 + SIGINT.
 pub const STATUS: u8 = 130;
@@ -12,6 +14,10 @@ pub const STATUS: u8 = 130;
 static ASKED: AtomicBool = AtomicBool::new(false);
 /// Pieces of work that end by themselves when they are asked to.
 static WATCHED: AtomicUsize = AtomicUsize::new(0);
+/// Whether the end has been told.
+static TOLD: AtomicBool = AtomicBool::new(false);
+/// Work that goes on for longer after a signal is told of.
+const PATIENCE: Duration = Duration::from_secs(1);
 /// Held while files are written: the program does not end then.
 static WRITING: Mutex<()> = Mutex::new(());
 
@@ -25,12 +31,26 @@ pub fn listen() {
     let _ = ctrlc::set_handler(|| {
         let again = ASKED.swap(true, Ordering::SeqCst);
         if WATCHED.load(Ordering::SeqCst) > 0 && !again {
+            // Where no thread can be had, the line is not said.
+            let _ = std::thread::Builder::new().spawn(|| {
+                std::thread::sleep(PATIENCE);
+                if WATCHED.load(Ordering::SeqCst) > 0 {
+                    crate::cli::complain("stopping the device; Ctrl-C again ends at once");
+                }
+            });
             return;
         }
         let _no_file_is_half_written = WRITING.lock().unwrap_or_else(PoisonError::into_inner);
-        crate::cli::complain("interrupted");
+        tell();
         std::process::exit(i32::from(STATUS));
     });
+}
+
+/// Says once that the program ends because it was asked to.
+pub fn tell() {
+    if !TOLD.swap(true, Ordering::SeqCst) {
+        crate::cli::complain("interrupted");
+    }
 }
 
 /// Whether the program was asked to end.

@@ -8,10 +8,10 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 /// Runs `work`, showing what `stop` says of its progress after the first second, on standard error and only where that is a terminal.
-/// Work that reports no steps gets a spinner. The line is gone afterwards. Where the program is asked to end, `stop` is raised.
+/// Work that reports no steps gets a spinner. The line is gone afterwards. Where the program is asked to end, `stop` is raised, and the
+/// program ends with the work under way unless that is [`interrupt::watched`].
 pub fn watch<T>(label: &str, stop: &Stop, work: impl FnOnce() -> T) -> T {
     let shown = std::io::stderr().is_terminal();
-    let _ends_by_itself = interrupt::watched();
     let (done, waits) = channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(move || {

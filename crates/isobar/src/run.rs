@@ -296,6 +296,7 @@ impl Prepared {
     /// # Errors
     /// What the renderer says.
     pub fn render(&mut self, stop: &Stop) -> Result<Sample, RenderError> {
+        let _heard = self.method.info().gpu.then(crate::interrupt::watched);
         let cpu = machine::cpu_time();
         let start = Instant::now();
         let told = self.renderer.render(stop)?;

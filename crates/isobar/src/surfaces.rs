@@ -1,13 +1,20 @@
 //! Isovalues with colour and opacity, and transfer functions.
 
 use crate::cli::MoreSurfaces;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use isobar_core::{Surface, SurfaceKind, TransferFunction};
 use serde::Deserialize;
+use std::io::Read;
 use std::path::Path;
 
 /// Most surfaces a scene may have: the frame's index has 8 bits, 255 means none, and one index is left for a mesh.
 pub const MAX_SURFACES: usize = 254;
+
+/// Longest file of a transfer function, bytes: some 50,000 points.
+const MOST_TEXT: u64 = 4 << 20;
+/// Greatest optical depth across the data: its products with lengths and colours stay far inside f32, which devices count in. Beyond 100, light is
+/// gone anyway.
+const MOST_DEPTH: f64 = 1e30;
 
 /// All surfaces of a scene: the isovalues, then the values of parameters, then the boundary.
 ///
@@ -15,8 +22,8 @@ pub const MAX_SURFACES: usize = 254;
 /// As [`parse_isovalues`]; for `--parameter` and `--boundary` too.
 pub fn parse<S: AsRef<str>>(isovalues: &[S], more: &MoreSurfaces) -> Result<Vec<Surface>> {
     let mut out = parse_isovalues(isovalues)?;
-    for text in more.parameter.iter().flat_map(|s| s.split(',')) {
-        let (place, look) = text.trim().split_once(':').unwrap_or((text.trim(), ""));
+    for (text, part) in more.parameter.iter().flat_map(|s| s.split(',').map(move |part| (s, part))) {
+        let (place, look) = part.trim().split_once(':').unwrap_or((part.trim(), ""));
         let (axis, value) = place.split_once('=').unwrap_or((place, ""));
         let axis = ["u", "v", "w"].iter().position(|a| *a == axis);
         let value = value.parse::<f64>().ok().filter(|v| (0.0..=1.0).contains(v));
@@ -78,8 +85,12 @@ fn styled(flag: &str, text: &str, look: &str, mut surface: Surface) -> Result<Su
 /// When a number, opacity or colour cannot be read, or there are too many; the text names the flag and the part.
 pub fn parse_isovalues<S: AsRef<str>>(given: &[S]) -> Result<Vec<Surface>> {
     let mut out = Vec::new();
-    for text in given.iter().flat_map(|s| s.as_ref().split(',')) {
-        let (value, look) = text.trim().split_once(':').unwrap_or((text.trim(), ""));
+    for (text, part) in given
+        .iter()
+        .map(AsRef::as_ref)
+        .flat_map(|s| s.split(',').map(move |part| (s, part)))
+    {
+        let (value, look) = part.trim().split_once(':').unwrap_or((part.trim(), ""));
         let Some(c) = value.parse::<f64>().ok().filter(|c| c.is_finite()) else {
             bail!("--isovalue {text}: \"{value}\" is not a finite number; write C[:opacity[:#rrggbb]][,...]");
         };
@@ -117,7 +128,7 @@ fn srgb_to_linear(v: u8) -> f32 {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TransferFile {
-    points: Vec<[f64; 5]>,
+    points: Vec<Vec<f64>>,
     unit: Option<f64>,
 }
 
@@ -128,10 +139,18 @@ struct TransferFile {
 /// When the file cannot be read or is not that; one line that names the file and the point.
 pub fn load_transfer(path: &Path, extent: f64) -> Result<TransferFunction> {
     let name = path.display();
-    let text = std::fs::read_to_string(path).map_err(|e| {
-        anyhow::anyhow!("--tf {name}: {e}; give a readable TOML file with points = [[value, r, g, b, density], ...]")
-    })?;
-    parse_transfer(&text, extent).map_err(|e| anyhow::anyhow!("--tf {name}: {e}"))
+    let remedy = "give a readable TOML file with points = [[value, r, g, b, density], ...]";
+    let meta = std::fs::metadata(path).map_err(|e| anyhow!("--tf {name}: {e}; {remedy}"))?;
+    ensure!(meta.is_file(), "--tf {name}: is no ordinary file; {remedy}");
+    let mut text = String::new();
+    std::fs::File::open(path)
+        .and_then(|f| f.take(MOST_TEXT + 1).read_to_string(&mut text))
+        .map_err(|e| anyhow!("--tf {name}: {e}; {remedy}"))?;
+    ensure!(
+        text.len() as u64 <= MOST_TEXT,
+        "--tf {name}: is longer than {MOST_TEXT} bytes; {remedy}"
+    );
+    parse_transfer(&text, extent).map_err(|e| anyhow!("--tf {name}: {e}"))
 }
 
 fn parse_transfer(text: &str, extent: f64) -> Result<TransferFunction> {
@@ -139,7 +158,7 @@ fn parse_transfer(text: &str, extent: f64) -> Result<TransferFunction> {
         let line = e
             .span()
             .map_or(1, |s| text[..s.start.min(text.len())].matches('\n').count() + 1);
-        anyhow::anyhow!(
+        anyhow!(
             "line {line}: {}; write points = [[value, r, g, b, density], ...]",
             e.message()
         )
@@ -147,9 +166,26 @@ fn parse_transfer(text: &str, extent: f64) -> Result<TransferFunction> {
     let points = file
         .points
         .iter()
-        .map(|p| (p[0], [p[1] as f32, p[2] as f32, p[3] as f32], p[4] as f32))
-        .collect();
-    Ok(TransferFunction::new(points, file.unit.unwrap_or(extent / 256.0))?)
+        .enumerate()
+        .map(|(i, p)| match p[..] {
+            [value, r, g, b, density] => Ok((value, [r as f32, g as f32, b as f32], density as f32)),
+            _ => bail!(
+                "point {} has {} numbers; write five: [value, r, g, b, density]",
+                i + 1,
+                p.len()
+            ),
+        })
+        .collect::<Result<Vec<_>>>()?;
+    let transfer = TransferFunction::new(points, file.unit.unwrap_or(extent / 256.0))?;
+    let densest = transfer.points.iter().fold(0.0f64, |m, p| m.max(f64::from(p.2)));
+    let depth = densest / transfer.unit * extent;
+    ensure!(
+        depth <= MOST_DEPTH,
+        "density {densest:e} per unit of {:e} is an optical depth of {depth:e} across the data, more than the {MOST_DEPTH:e} that can be \
+         drawn; give smaller densities or a longer unit",
+        transfer.unit
+    );
+    Ok(transfer)
 }
 
 #[cfg(test)]
@@ -234,6 +270,10 @@ mod tests {
             "points = [[nan, 1, 0, 0, 1]]",
             "points = [[0, 1, 0, 0, 1]]\nunit = 0.0",
             "points = [[0, 1, 0, 0, 1]]\nunits = 1.0",
+            "points = [[0, 1, 0, 0, 1, 7]]",
+            "points = [[0, 1, 0, 0, 1]]\nunit = 1e-320",
+            "points = [[0, 1, 0, 0, 1e38]]",
+            "points = [[0, 1, 0, 0, 1]]\nunit = 1e-30",
             "points = [[",
         ] {
             let e = parse_transfer(bad, 512.0).unwrap_err().to_string();

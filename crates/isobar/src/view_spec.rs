@@ -1,6 +1,6 @@
 //! Views by name and by flags, as the command line gives them.
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 use clap::{ArgMatches, Args};
 use glam::DVec3;
 use isobar_core::{Camera, ClipPlane, View};
@@ -82,7 +82,7 @@ impl ViewFlags {
     pub fn validate(&self) -> Result<()> {
         self.view((DVec3::NEG_ONE, DVec3::ONE)).map(|_| ()).or_else(|e| {
             // The eye may coincide with a target that is only known with the data.
-            if self.eye.is_some() && self.target.is_none() && e.to_string().contains("same point") {
+            if self.eye.is_some() && self.target.is_none() && e.to_string().contains("middle of the data") {
                 Ok(())
             } else {
                 Err(e)
@@ -153,8 +153,28 @@ impl ViewFlags {
                 cap: self.capped.get(i).copied().unwrap_or(false),
             });
         }
-        view.validate()?;
+        view.validate().map_err(|e| self.explain(e.into(), bounds))?;
         Ok(view)
+    }
+
+    /// An unusable camera, said of the flags that were given: eye and target may have been worked out.
+    fn explain(&self, e: anyhow::Error, (lo, hi): (DVec3, DVec3)) -> anyhow::Error {
+        let of_camera = e.to_string().contains("--eye") || e.to_string().contains("--up");
+        match (&self.eye, &self.fov) {
+            (None, Some(fov)) if of_camera => {
+                anyhow!(
+                    "--fov {fov}: data from {lo} to {hi} cannot be fitted into this angle; give a larger one, or --eye and --target"
+                )
+            }
+            (None, None) if of_camera => anyhow!(
+                "--view {}: the data, from {lo} to {hi}, are too small, too large or too far away to be looked at; scale them",
+                self.view.as_deref().unwrap_or("default")
+            ),
+            (Some(eye), _) if of_camera && self.target.is_none() && e.to_string().contains("same point") => {
+                anyhow!("--eye {eye}: it is the middle of the data, or too far from it; give another, or --target")
+            }
+            _ => e,
+        }
     }
 }
 
@@ -297,6 +317,21 @@ mod tests {
                 height: 2.5
             }
         );
+    }
+
+    #[test]
+    fn views_that_cannot_be_fitted_name_what_was_given() {
+        let said = |f: ViewFlags, bounds| f.view(bounds).unwrap_err().to_string();
+        let fov = flags(|f| f.fov = Some("1e-300".into()));
+        assert!(said(fov, BOX).starts_with("--fov 1e-300"));
+        for size in [1e-200, 1e308] {
+            let e = said(ViewFlags::default(), (DVec3::ZERO, DVec3::splat(size)));
+            assert!(e.starts_with("--view default") && !e.contains("--eye"), "{size}: {e}");
+        }
+        let eye = flags(|f| f.eye = Some("1,2,2".into()));
+        assert!(said(eye, BOX).starts_with("--eye 1,2,2"));
+        // Before the data are known, their middle is not.
+        assert!(flags(|f| f.eye = Some("0,0,0".into())).validate().is_ok());
     }
 
     #[test]

@@ -6,6 +6,7 @@
 mod exr_file;
 mod npz;
 mod picture;
+mod place;
 
 pub use exr_file::stage_exr;
 pub use npz::stage_npz;
@@ -13,9 +14,11 @@ pub use picture::{
     ClassColour, Picture, colour_bar, encode_png, error_picture, frame_picture, heat_colour, heat_picture, log_position,
     stage_picture, work_picture, write_picture,
 };
+pub use place::{destination, require_distinct, resolved};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use isobar_core::{Channels, Frame};
+use place::folder;
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -93,30 +96,21 @@ impl Format {
     }
 }
 
-/// The folder a path lies in.
-fn folder(path: &Path) -> PathBuf {
-    match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
-        _ => PathBuf::from("."),
-    }
-}
-
-/// Checks that a file of this name can be written, before any work: its folder takes a new file, and the name is no folder and not
-/// write-protected. Leaves nothing behind. `flag` is named in the error.
+/// Checks that a file of this name can be written, before any work: its folder takes a new file, and the name is no folder, device or
+/// pipe and not write-protected; links are followed. Leaves nothing behind. `flag` is named in the error.
 ///
 /// # Errors
 /// When it cannot.
 pub fn probe(flag: &str, path: &Path) -> Result<()> {
     let name = path.display();
-    ensure!(path.file_name().is_some(), "{flag} {name}: not a file name; give one");
-    ensure!(!path.is_dir(), "{flag} {name}: is a folder; give a file name");
-    if path.exists() {
+    let target = destination(flag, path)?;
+    if target.exists() {
         OpenOptions::new()
             .append(true)
-            .open(path)
+            .open(&target)
             .map_err(|e| anyhow!("{flag} {name}: cannot be overwritten ({e}); choose another name"))?;
     }
-    probe_folder(flag, path, &folder(path))
+    probe_folder(flag, path, &folder(&target))
 }
 
 /// As [`probe`], for files made inside `folder`; `path` is what the user gave.
@@ -124,6 +118,7 @@ pub fn probe(flag: &str, path: &Path) -> Result<()> {
 /// # Errors
 /// When the folder takes no new file.
 pub fn probe_folder(flag: &str, path: &Path, folder: &Path) -> Result<()> {
+    let _removed = crate::interrupt::writing()?;
     tempfile::Builder::new()
         .prefix(".isobar-")
         .tempfile_in(folder)
@@ -146,13 +141,19 @@ pub struct Staged {
     temporary: NamedTempFile,
 }
 
-/// Writes a file under a temporary name in its folder.
+/// Writes a file under a temporary name in its folder; that of its target, where the path is a link.
 ///
 /// # Errors
-/// What `fill` or the file system says, with the path; nothing is left then.
+/// Where the path is no place for a file ([`destination`]); what `fill` or the file system says, with the path; nothing is left then.
 pub fn stage(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Result<()>) -> Result<Staged> {
-    let what = || format!("{}: could not be written", path.display());
+    let what = || {
+        format!(
+            "{}: could not be written; free some space or choose another place",
+            path.display()
+        )
+    };
     let _whole = crate::interrupt::writing()?;
+    let path = destination("output", path)?;
     let mut builder = tempfile::Builder::new();
     builder.prefix(".isobar-");
     #[cfg(unix)]
@@ -161,15 +162,12 @@ pub fn stage(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Result<()>
         // The usual rights of a new file; the process's mask is taken off.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let temporary = builder.tempfile_in(folder(path)).with_context(what)?;
+    let temporary = builder.tempfile_in(folder(&path)).with_context(what)?;
     let mut writer = BufWriter::with_capacity(1 << 20, temporary.as_file());
     fill(&mut writer).with_context(what)?;
     writer.flush().with_context(what)?;
     drop(writer);
-    Ok(Staged {
-        path: path.to_owned(),
-        temporary,
-    })
+    Ok(Staged { path, temporary })
 }
 
 /// Gives complete files their names, in order; former files of these names are replaced.
@@ -182,7 +180,7 @@ pub fn publish(files: impl IntoIterator<Item = Staged>) -> Result<()> {
         f.temporary
             .persist(&f.path)
             .map_err(|e| anyhow!(e.error))
-            .with_context(|| format!("{}: could not be written", f.path.display()))?;
+            .with_context(|| format!("{}: could not be written; choose another name", f.path.display()))?;
     }
     Ok(())
 }

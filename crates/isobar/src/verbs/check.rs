@@ -51,6 +51,9 @@ pub fn run(args: &CheckArgs) -> Result<Answer> {
         );
         output::probe("--map", p)?;
     }
+    let json = args.json.as_deref().filter(|p| *p != Path::new("-")).map(|p| ("--json", p));
+    let outputs: Vec<_> = json.into_iter().chain(args.map.as_deref().map(|p| ("--map", p))).collect();
+    output::require_distinct(&outputs, &super::inputs(&args.data, args.tf.as_deref(), None))?;
     let colour = if args.tf.is_some() {
         Channels::RGBA
     } else {

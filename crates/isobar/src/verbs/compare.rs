@@ -7,13 +7,13 @@ use crate::truth::{Truths, cache_dir};
 use crate::{progress, settings, surfaces, view_spec};
 use anyhow::{Context, Result, anyhow, ensure};
 use isobar_core::{Method, Stop};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// No further round of timing is begun after this long.
 const BUDGET: Duration = Duration::from_secs(300);
 
-/// Compares, and writes the folder when all is measured.
+/// Compares, and writes the folder when all is measured. The answer is no where no method could draw, or none is within `--max-error`.
 ///
 /// # Errors
 /// When arguments, data or the folder cannot be used; nothing is left in the folder then.
@@ -42,7 +42,7 @@ pub fn run(args: &CompareArgs, command: &[String]) -> Result<Answer> {
     args.view.validate()?;
     args.view.require_open_cuts()?;
     super::request(&args.draw, knobs.clone(), isobar_core::Channels::RGBA, 1)?;
-    probe(&args.output)?;
+    let folder = probe(&args.output)?;
     let (source, _) = super::open(&args.data)?;
     source.require_finite()?;
     let view = args.view.view(source.bounds())?;
@@ -74,7 +74,7 @@ pub fn run(args: &CompareArgs, command: &[String]) -> Result<Answer> {
         view.width,
         view.height
     );
-    write(&args.output, &comparison, max_error, &scene, command)?;
+    write(&folder, &comparison, max_error, &scene, command)?;
     let verdict = compare::verdict(&comparison, max_error).join("\n");
     Ok(Answer {
         text: format!(
@@ -83,13 +83,23 @@ pub fn run(args: &CompareArgs, command: &[String]) -> Result<Answer> {
             args.output.join("index.html").display()
         ),
         warnings: super::warnings(&source, &surfaces),
-        no: false,
+        no: nothing(&comparison, max_error),
     })
+}
+
+/// Whether the answer is no: nothing was drawn, or nothing lies within the error asked for.
+fn nothing(c: &Comparison, max_error: Option<f64>) -> bool {
+    c.rows.iter().all(|r| r.result.is_err()) || max_error.is_some() && c.ranking.is_empty()
 }
 
 fn methods(args: &CompareArgs) -> Result<Vec<&'static dyn Method>> {
     if args.methods.is_empty() {
         return Ok(crate::methods());
+    }
+    if let Some((_, twice)) =
+        (args.methods.iter().enumerate()).find(|(i, m)| args.methods[..*i].iter().any(|o| o.trim() == m.trim()))
+    {
+        anyhow::bail!("--methods {}: named twice; name each method once", twice.trim());
     }
     args.methods
         .iter()
@@ -97,15 +107,16 @@ fn methods(args: &CompareArgs) -> Result<Vec<&'static dyn Method>> {
         .collect()
 }
 
-/// The folder can be made, or takes new files.
-fn probe(dir: &Path) -> Result<()> {
+/// The folder, links followed, which can be made or takes new files.
+fn probe(dir: &Path) -> Result<PathBuf> {
     let name = dir.display();
     ensure!(!dir.is_file(), "-o {name}: is a file; name a folder");
     if dir.is_dir() {
-        output::probe_folder("-o", dir, dir)
-    } else {
-        output::probe("-o", dir)
+        output::probe_folder("-o", dir, dir)?;
+        return Ok(dir.to_owned());
     }
+    output::probe("-o", dir)?;
+    output::destination("-o", dir)
 }
 
 /// Everything is made in a temporary folder beside the one wanted and moved when complete.

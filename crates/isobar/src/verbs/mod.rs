@@ -11,6 +11,7 @@ use crate::source::{self, Source};
 use crate::{progress, settings, view_spec};
 use anyhow::{Result, ensure};
 use isobar_core::{Channels, Data, Knobs, Request, Sampling, Stop, Surface};
+use std::path::Path;
 use std::time::Instant;
 
 /// Opens DATA as the flags say; the seconds it took come second.
@@ -26,10 +27,28 @@ pub fn open(flags: &DataFlags) -> Result<(Source, f64)> {
         as_hexes: false,
     };
     let start = Instant::now();
-    let source = progress::watch(&format!("reading {}", flags.data), &Stop::default(), || {
+    let mut source = progress::watch(&format!("reading {}", flags.data), &Stop::default(), || {
         source::open(&flags.data, &options)
     })?;
+    if flags.cell_to_point && !matches!(*source.data, Data::Tets(_)) {
+        let kind = source.data.kind();
+        let note = format!(
+            "--cell-to-point changes nothing of {}: only values of tetrahedra are averaged, these are {kind}",
+            source.name
+        );
+        source.notes.push(note);
+    }
     Ok((source, start.elapsed().as_secs_f64()))
+}
+
+/// The files read, each with its flag, so that no output replaces one. What a header names beside it is not known yet.
+#[must_use]
+pub fn inputs<'a>(data: &'a DataFlags, tf: Option<&'a Path>, mesh: Option<&'a Path>) -> Vec<(&'static str, &'a Path)> {
+    let data = source::path(&data.data).map(|p| ("DATA", p));
+    [data, tf.map(|p| ("--tf", p)), mesh.map(|p| ("--mesh", p))]
+        .into_iter()
+        .flatten()
+        .collect()
 }
 
 /// The request of these flags.
@@ -67,10 +86,16 @@ pub fn warnings(source: &Source, surfaces: &[Surface]) -> Vec<String> {
     if let Some((lo, hi)) = range {
         for c in surfaces.iter().filter_map(Surface::value).filter(|c| *c < lo || *c > hi) {
             out.push(format!(
-                "--isovalue {c} lies outside the values {} to {} of {}; that surface is empty",
+                "--isovalue {c} lies outside the values {} to {} of {}; that surface is empty{}",
                 settings::short(lo),
                 settings::short(hi),
-                source.name
+                source.name,
+                // Such coefficients are larger and smaller than the samples, and so is the function between these.
+                if matches!(*source.data, Data::Grid(_)) {
+                    " unless the reconstruction overshoots the samples (-interpolating, -prefiltered)"
+                } else {
+                    ""
+                }
             ));
         }
     }

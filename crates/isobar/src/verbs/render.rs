@@ -6,7 +6,7 @@ use crate::output::{self, Format};
 use crate::run::{self, Outcome, RunError, Setup};
 use crate::source::Source;
 use crate::{machine, progress, settings, surfaces};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use isobar_core::{Channels, Method, Request, Stop, Surface};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -49,7 +49,7 @@ pub fn run(args: &RenderArgs, command: &[String]) -> Result<Answer> {
         let stats = stats_json(args, command, &setup, &source, &outcome, mesh_seconds);
         files.push(output::stage_text(path, &settings::pretty(&stats)).context("--stats")?);
     }
-    output::publish(files)?;
+    output::publish(files).context("-o or --stats")?;
     Ok(Answer {
         text: to_text(&setup, &outcome, &plan.outputs),
         warnings: super::warnings(&source, &plan.surfaces),
@@ -81,11 +81,10 @@ impl Plan {
         if let Some(path) = &args.stats {
             output::probe("--stats", path)?;
         }
-        let mut all: Vec<&Path> = args.output.iter().chain(&args.stats).map(PathBuf::as_path).collect();
-        all.sort_unstable();
-        if let Some(twice) = all.windows(2).find(|w| w[0] == w[1]) {
-            bail!("-o {}: named twice; give each output its own name", twice[0].display());
-        }
+        let images = args.output.iter().map(|p| ("-o", p.as_path()));
+        let all: Vec<(&str, &Path)> = images.chain(args.stats.iter().map(|p| ("--stats", p.as_path()))).collect();
+        let inputs = super::inputs(&args.data, args.tf.as_deref(), args.mesh.as_deref());
+        output::require_distinct(&all, &inputs)?;
         let hits = method.info().hits;
         let mut channels = outputs.iter().fold(Channels::empty(), |c, (_, f)| c | f.channels());
         if channels.is_empty() || args.stats.is_some() {
@@ -241,6 +240,7 @@ fn stats_json(
             "medium": setup.medium.map(|m| json!({"points": m.points, "unit": m.unit})),
             "view": settings::view_json(setup.view),
             "nan": args.data.nan,
+            "cell_to_point": args.data.cell_to_point,
             "tf": args.tf,
             "mesh": args.mesh,
         },
