@@ -1,6 +1,7 @@
 //! Isovalues with colour and opacity, and transfer functions.
 
 use crate::cli::MoreSurfaces;
+use crate::settings::short;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use isobar_core::{Surface, SurfaceKind, TransferFunction};
 use serde::Deserialize;
@@ -181,9 +182,11 @@ fn parse_transfer(text: &str, extent: f64) -> Result<TransferFunction> {
     let depth = densest / transfer.unit * extent;
     ensure!(
         depth <= MOST_DEPTH,
-        "density {densest:e} per unit of {:e} is an optical depth of {depth:e} across the data, more than the {MOST_DEPTH:e} that can be \
-         drawn; give smaller densities or a longer unit",
-        transfer.unit
+        "density {} per unit of {} is an optical depth of {} across the data, more than the {MOST_DEPTH:e} that can be drawn; give smaller \
+         densities or a longer unit",
+        short(densest),
+        short(transfer.unit),
+        short(depth)
     );
     Ok(transfer)
 }

@@ -85,7 +85,7 @@ pub(crate) struct Beam<'a> {
     pub(crate) leaves: u32,
 }
 
-/// More parts of one ray are not looked at (seconds): its colour is then unknown, the error 1. Rays through 64^3 samples take some hundreds.
+/// More parts of one ray are not looked at (seconds): its colour is then unknown, the error 1.
 const MOST_WORK: u32 = 1 << 20;
 
 /// Parts are not cut more often: 2^-60 of a leg.
