@@ -42,6 +42,7 @@ mod packet;
 mod packet_cells;
 #[cfg(test)]
 mod packet_tests;
+mod paper;
 #[cfg(test)]
 mod proofs;
 mod smooth;
@@ -55,3 +56,4 @@ pub mod wavelet;
 pub use cpu::{OCTREE_CPU, OctreeCpu};
 #[cfg(feature = "gpu")]
 pub use gpu::{OCTREE_GPU, OctreeGpu};
+pub use paper::{OCTREE_CPU_PAPER, OctreeCpuPaper};

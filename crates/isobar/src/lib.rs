@@ -34,6 +34,7 @@ pub fn methods() -> Vec<&'static dyn Method> {
         &isobar_baseline::MARCH_GPU,
         &isobar_baseline::MC_CPU,
         &isobar_octree::OCTREE_CPU,
+        &isobar_octree::OCTREE_CPU_PAPER,
         #[cfg(feature = "gpu")]
         &isobar_octree::OCTREE_GPU,
         &isobar_tetspline::TETSPLINE_CPU,
