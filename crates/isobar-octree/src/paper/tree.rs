@@ -147,6 +147,28 @@ impl Tree {
     }
 }
 
+/// Types coefficients are stored in; all are exact in f32.
+trait Single: Copy {
+    fn single(self) -> f32;
+}
+impl Single for f32 {
+    #[inline(always)]
+    fn single(self) -> f32 {
+        self
+    }
+}
+macro_rules! whole {
+    ($($t:ty)*) => {$(
+        impl Single for $t {
+            #[inline(always)]
+            fn single(self) -> f32 {
+                f32::from(self)
+            }
+        }
+    )*};
+}
+whole!(u8 i16 u16);
+
 /// Coefficients with their border, x fastest.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Coefficients<'a> {
@@ -168,7 +190,7 @@ impl Coefficients<'_> {
                 for j in 0..n {
                     let row = &c[((z + k) * ny + y + j) * nx + x..][..n];
                     for i in 0..n {
-                        out[(k * n + j) * n + i] = f32::from(row[i]);
+                        out[(k * n + j) * n + i] = row[i].single();
                     }
                 }
             }
@@ -180,7 +202,7 @@ impl Coefficients<'_> {
             for k in 0..n {
                 for j in 0..n {
                     for i in 0..n {
-                        out[(k * n + j) * n + i] = f32::from(c[(index[2][k] * ny + index[1][j]) * nx + index[0][i]]);
+                        out[(k * n + j) * n + i] = c[(index[2][k] * ny + index[1][j]) * nx + index[0][i]].single();
                     }
                 }
             }
