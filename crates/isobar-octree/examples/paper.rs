@@ -106,7 +106,9 @@ fn one(
         let counters = t.renderer.counters();
         let of = |name: &str| counters.0.iter().find(|c| c.0 == name).map_or(0.0, |c| c.1 as f64);
         let rays = of("rays launched");
-        let a_ray = ["nodes", "bricks", "cells composed"].map(|n| format!("{:.2}", of(n) / rays)).join(", ");
+        let a_ray = ["nodes", "bricks", "cells composed"]
+            .map(|n| format!("{:.2}", of(n) / rays))
+            .join(", ");
         println!(
             "{} | {:.1} | {} | {}, {}, {} | {:.1e}, {:.1e} | {:.2} | {}",
             t.name,
