@@ -119,12 +119,12 @@ fn the_traversal_visits_what_brute_force_finds_in_order() {
     );
 }
 
-/// Any rays: the stretches join without gap or overlap, and are those of f64 up to what f32 rounds.
+/// Any rays: the stretches join without gap or overlap, and are those of f64 up to what f32 rounds, relative to t and absolute below 1.
 #[test]
 fn rounded_rays_lose_nothing_on_their_way() {
     let mut random = Random(5);
     let volume = [300, 77, 1024];
-    let mut passed = 0;
+    let (mut passed, mut worst) = (0, 0.0f64);
     for n in 0..4000 {
         let (side, mut d) = (n % 5, random.direction().to_array());
         if n % 7 == 0 {
@@ -146,11 +146,8 @@ fn rounded_rays_lose_nothing_on_their_way() {
             t = *b;
             let hi = [0, 1, 2].map(|i| ((at[i] + 1) << side).min(volume[i]));
             let [lo, hi] = stretch(wide(o), wide(d), [0.0, end], at.map(|i| i << side), hi, volume);
-            // 1.2e-4 was seen: positions near 1000 are 6e-5 apart.
-            assert!(
-                (f64::from(*a) - lo).abs().max((f64::from(*b) - hi).abs()) < 4e-4 * f64::from(b.max(1.0)),
-                "{at:?} {a} {b} {lo} {hi}"
-            );
+            let off = (f64::from(*a) - lo).abs().max((f64::from(*b) - hi).abs());
+            worst = worst.max(off / f64::from(b.max(1.0)));
         }
         assert_eq!(t, end as f32, "{o:?} {d:?}");
         // The root and every level are asked for no more often than a ray crosses planes of it.
@@ -163,6 +160,8 @@ fn rounded_rays_lose_nothing_on_their_way() {
         passed += seen.bricks.len();
     }
     assert!(passed > 100_000, "{passed}");
+    // 1.61e-7 was seen: some roundings of f32.
+    assert!(worst < 2.4e-7, "{worst}");
 }
 
 /// Ten levels and no more; the deepest node at each corner is told.
@@ -235,7 +234,7 @@ fn ranges_are_those_of_the_influence_coefficients() {
     }
 }
 
-/// Every composition gives the function along the ray, times e, and the gradient is its derivative: f32 against f64 (1.1e-6 of the range and 4e-6 seen).
+/// Every composition gives the function along the ray, times e, and the gradient is its derivative: f32 against f64.
 #[test]
 fn cells_are_composed_by_every_form() {
     let mut random = Random(3);
@@ -248,6 +247,7 @@ fn cells_are_composed_by_every_form() {
             border: kind.border(),
         };
         let shift = if kind.basis().centred { 0.5 } else { 0.0 };
+        let mut off = [0.0f64; 2];
         for _ in 0..200 {
             let cell: [u32; 3] = std::array::from_fn(|a| (random.unit() * s.cells()[a] as f64) as u32);
             let mut samples = [0.0; 64];
@@ -279,18 +279,16 @@ fn cells_are_composed_by_every_form() {
                     let near = finders.iter().filter_map(|f| p.first_root(*f, scale::<D>() * value as f32));
                     assert!(near.count() >= 2, "{kind}: finders see no root of {value}");
                 }
-                assert!(
-                    (p.value(t) / f64::from(scale::<D>()) - value).abs() < 4e-6,
-                    "{kind} {form:?}: {} {value}",
-                    p.value(t)
-                );
+                off[0] = off[0].max((p.value(t) / f64::from(scale::<D>()) - value).abs());
             }
             let g = gradient::<D>(&samples, u);
             let want = s.gradient(world(u));
             for a in 0..3 {
-                assert!((f64::from(g[a]) - want[a]).abs() < 2e-5, "{kind} {a}: {g:?} {want:?}");
+                off[1] = off[1].max((f64::from(g[a]) - want[a]).abs());
             }
         }
+        // 3.6e-6 and 4.3e-6 were seen with cubic-interpolating, a third at most with the others.
+        assert!(off[0] < 4e-6 && off[1] < 6e-6, "{kind}: {off:?}");
     }
     check::<1, 4>(Kind::Trilinear, &mut random);
     check::<2, 7>(Kind::Quadratic, &mut random);
