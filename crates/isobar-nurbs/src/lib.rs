@@ -11,6 +11,8 @@ mod candidates;
 mod cover;
 mod cpu;
 mod ends;
+#[cfg(test)]
+mod extremes;
 mod frustum;
 mod grid;
 mod matrix;

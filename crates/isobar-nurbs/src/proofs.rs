@@ -165,7 +165,7 @@ fn all_hits(data: &Arc<Data>, c: f64, view: &View) -> Tally {
 }
 
 /// Rays through the bounds from about them, and some from inside.
-fn rays(data: &Data, n: usize, seed: u64) -> View {
+pub(crate) fn rays(data: &Data, n: usize, seed: u64) -> View {
     let (lo, hi) = data.bounds();
     let mut random = Random(seed);
     let wide = (hi - lo).max_element();
