@@ -86,12 +86,13 @@ impl Solver {
     ) -> Option<(Piece, usize)> {
         let (np, nv) = (self.points.len() - count(k.g), self.values.len() - count(k.h));
         let (points, values) = (&self.points[np..], &self.values[nv..]);
+        let k = &k.of_piece(points);
         let noise = EPS * k.gamma * piece.attribute;
         let (lo, hi) = range(values);
         if lo > noise || hi < -noise {
             return None;
         }
-        piece.pixels = project(wide, k, &piece, points)?.0;
+        piece.pixels = project(wide, k, &piece, points)?;
         let b = piece.pixels;
         let mut open: Option<PixelBox> = None;
         // Corners of gamma: what continuity needs.

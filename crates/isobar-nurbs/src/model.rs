@@ -3,7 +3,7 @@
 use crate::bernstein::{Point, middle, slopes, value_roundings};
 use crate::frustum::{EPS, Frustum, PixelBox};
 use crate::matrix::{Matrix, inverse, product, row_sums};
-use crate::solve::{Constants, DEEPEST, Piece, WIDENED, WIDER};
+use crate::solve::{Constants, Piece, WIDENED, WIDER};
 
 /// A piece's linear model for all its pixels.
 pub(crate) struct Model {
@@ -16,10 +16,9 @@ pub(crate) struct Model {
     pub(crate) noise: [f64; 3],
     pub(crate) middle: Point,
     pub(crate) gamma: f64,
-    /// Greatest |dz| and |dw| by each parameter, least weight.
+    /// Greatest |dz| and |dw| by each parameter.
     pub(crate) dz: [f64; 3],
     pub(crate) dw: [f64; 3],
-    pub(crate) least_weight: f64,
 }
 
 /// Ranges of all partial derivatives of a piece, as middle and half width.
@@ -54,15 +53,7 @@ impl Derivatives {
 
     /// The linear model; `None` where the middle Jacobian is singular.
     #[inline(always)]
-    pub(crate) fn model(
-        &self,
-        f: &Frustum,
-        k: &Constants,
-        piece: &Piece,
-        points: &[Point],
-        values: &[f64],
-        least: f64,
-    ) -> Option<Model> {
+    pub(crate) fn model(&self, f: &Frustum, k: &Constants, piece: &Piece, points: &[Point], values: &[f64]) -> Option<Model> {
         let [(s, ds), (r, dr)] = f.slopes(piece.pixels);
         let lane = k.lane;
         // Differences of coefficients have twice their error; the middle and half width round once more.
@@ -123,7 +114,6 @@ impl Derivatives {
             gamma: middle(k.h, values),
             dz: most(2),
             dw: most(3),
-            least_weight: least,
         })
     }
 
@@ -150,7 +140,7 @@ impl Derivatives {
                 all.map(|x| (0..3).map(|n| if total[n] > 0.0 { x[n] / total[n] } else { 0.0 }).sum())
             }
         };
-        let free = (0..3).filter(|&a| piece.depth[a] < DEEPEST);
+        let free = (0..3).filter(|&a| piece.depth[a] < k.deepest);
         free.max_by(|&a, &b| {
             let late = |a: usize| piece.since[a] >= 8;
             late(a).cmp(&late(b)).then(score[a].total_cmp(&score[b]))

@@ -4,7 +4,7 @@ use crate::bernstein::{Point, bases, count, jet, value_roundings};
 use crate::frustum::{EPS, Frustum, PixelBox};
 use crate::matrix::{inverse, product};
 use crate::model::Model;
-use crate::solve::{Constants, Found, Piece, Solver, Task, WIDER, normal};
+use crate::solve::{Constants, DRAWN, Found, Piece, Solver, Task, WIDER, normal};
 use crate::wide::{Jets, WIDE};
 
 /// Newton steps, at most.
@@ -176,15 +176,31 @@ fn judge(f: &Frustum, task: &Task, k: &Constants, piece: &Piece, m: &Model, pixe
     // One more step to first order: where the equations are nearly dependent the floor is far above what is reached.
     let last: Point = std::array::from_fn(|l| p[l] - (by[0] * pu[l] + by[1] * pv[l] + by[2] * pw[l]));
     let depth = last[2] / last[3];
-    let reach: f64 = (0..3)
-        .map(|i| {
-            // Three steps: to the root and back, and what the first order leaves out.
-            let e = step[i].abs() + 3.0 * by[i].abs() + m.noise[i] + m.rows[i] * error;
-            (m.dz[i] + depth.abs() * m.dw[i]) * e
-        })
-        .sum::<f64>()
-        * 1.01;
-    let noise = EPS * (piece.geometry + value_roundings(k.g)) * (k.scale + depth.abs() * k.weight);
+    // Three steps: to the root and back, and what the first order leaves out.
+    let e: [f64; 3] = std::array::from_fn(|i| step[i].abs() + 3.0 * by[i].abs() + m.noise[i] + m.rows[i] * error);
+    let along = |d: &[f64; 3]| (d[0] * e[0] + d[1] * e[1] + d[2] * e[2]) * 1.01;
+    let heavy = along(&m.dw);
+    let reach = along(&m.dz) + depth.abs() * heavy;
+    let rounding = EPS * (piece.geometry + value_roundings(k.g));
+    let noise = rounding * (k.scale + depth.abs() * k.weight);
+    // With z, w at the root and z', w' here: z / w - z' / w' = (z - z' - (z' / w') (w - w')) / w.
+    let weight = last[3] - heavy - rounding * k.weight;
+    if weight <= 0.0 {
+        return Outcome::Lost;
+    }
+    if !certain {
+        // The element ends at the box about its control points; near light ones what is beyond its faces may be far away.
+        let away = if f.parallel { 1.0 } else { depth };
+        let here = [s * away, r * away, depth];
+        let beyond = (0..3).fold(0.0f64, |m, i| m.max(k.ends.0[i] - here[i]).max(here[i] - k.ends.1[i]));
+        let room = (reach + noise) / weight * f.obliquity.max(1.0) + f.slope_error * (1.0 + depth.abs()) + 64.0 * EPS * k.far;
+        if beyond > room {
+            return Outcome::None;
+        }
+        if beyond > DRAWN * (k.ends.1 - k.ends.0).max_element() {
+            return Outcome::Lost;
+        }
+    }
     let rounded = EPS * 16.0 * (depth.abs() + ray.start.abs());
     Outcome::Root(Found {
         pixel: pixel as u16,
@@ -192,7 +208,7 @@ fn judge(f: &Frustum, task: &Task, k: &Constants, piece: &Piece, m: &Model, pixe
         certain,
         face: false,
         t: (depth - ray.start) / ray.rate,
-        error: ((reach + noise) / m.least_weight + rounded) / ray.rate.abs() * f.obliquity.max(1.0),
+        error: ((reach + noise) / weight + rounded) / ray.rate.abs() * f.obliquity.max(1.0),
         normal: normal(f, p, [pu, pv, pw], [au, av, aw]),
     })
 }

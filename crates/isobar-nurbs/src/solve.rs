@@ -13,11 +13,13 @@
 //!
 //! Elements that are boxes with a polynomial attribute go to `affine.rs` instead: there the system is one univariate polynomial along each ray.
 //!
-//! **Roundings.** Every coefficient carries a bound of its error: that of forming it, and one rounding per halving and degree. A test only decides
-//! where the bound allows. A box that reaches the smallest size, or a surface that costs too many pieces, is reported for its pixels as undecided: tangential
+//! **Roundings.** Every coefficient carries a bound of its error: that of forming it, and one rounding per halving and degree. A coefficient is a mean, with positive factors, of the
+//! element's `w (p - eye)`, so it is at most its own weight times the farthest |p - eye|, and so is every rounding on the way to it: the bound is `EPS geometry w_i far`, and for a piece that with its own
+//! greatest weight ([`Constants::of_piece`]). The parts that light control points are seen in are small in parameters and their errors with them; halving goes deeper by the binary places between the least and
+//! the greatest weight. A test only decides where the bound allows. A box that reaches the smallest size, or a surface that costs too many pieces, is reported for its pixels as undecided: tangential
 //! contacts end so.
 
-use crate::affine::{LocalRay, exact_box, is_near};
+use crate::affine::{LocalRay, exact_box, is_near, rectangle};
 use crate::bernstein::{Lanes, Point, bases, count, halve, jet, range, range_of};
 use crate::ends::Ends;
 use crate::frustum::{EPS, Frustum, PixelBox};
@@ -25,8 +27,12 @@ use crate::model::{Derivatives, survivors};
 use glam::DVec3;
 use isobar_core::HexElement;
 
-/// Halvings along one axis, at most: parameters are then 1e-7 apart.
-pub(crate) const DEEPEST: u8 = 23;
+/// Halvings along one axis, at most, where all weights are equal: parameters are then 1e-7 apart.
+const DEEPEST: u8 = 23;
+/// Binary places between the least and the greatest weight of an element, at most; of others all pixels that may see them are undecided.
+const MOST_PLACES: f64 = 200.0;
+/// Part of an element up to which a piece of the smallest size is drawn, without a claim.
+pub(crate) const DRAWN: f64 = 1.0 / 65536.0;
 /// Pieces of one surface of one element in one tile, at most.
 const MOST_PIECES: u32 = 1 << 15;
 /// How far a piece is widened, in its own size, for the proof of existence.
@@ -126,6 +132,16 @@ pub(crate) struct Constants {
     /// Degrees of geometry and gamma.
     pub(crate) g: [usize; 3],
     pub(crate) h: [usize; 3],
+    /// Greatest |x| + |y| + |z| of a control point less the eye; of the attribute less the isovalue.
+    pub(crate) far: f64,
+    level: f64,
+    /// Whether weights differ; whether gamma is weighted.
+    varied: bool,
+    weighted: bool,
+    /// Halvings along one axis, at most.
+    pub(crate) deepest: u8,
+    /// Ends in the camera frame of the box about the control points.
+    pub(crate) ends: (DVec3, DVec3),
     /// Greatest magnitude of a homogeneous coordinate before cancellation; of a weight; of gamma.
     pub(crate) scale: f64,
     pub(crate) weight: f64,
@@ -134,6 +150,24 @@ pub(crate) struct Constants {
     pub(crate) lane: usize,
     /// The axis whose value the target fixes at an end of [0, 1].
     pub(crate) face_axis: Option<usize>,
+}
+
+impl Constants {
+    /// With the greatest magnitudes of a piece instead of the element's.
+    #[inline(always)]
+    pub(crate) fn of_piece(&self, points: &[Point]) -> Self {
+        if !self.varied {
+            return *self;
+        }
+        // Weights themselves are rounded.
+        let weight = points.iter().fold(0.0f64, |m, p| m.max(p[3])) * 1.001;
+        Self {
+            scale: weight * self.far,
+            weight,
+            gamma: if self.weighted { weight * self.level } else { self.gamma },
+            ..*self
+        }
+    }
 }
 
 impl Solver {
@@ -188,22 +222,33 @@ impl Solver {
         self.values.clear();
         self.stack.clear();
         let g = e.degree.map(usize::from);
-        let (mut scale, mut weight) = (0.0f64, 0.0f64);
+        let (least, most) = range_of_weights(e);
+        let (mut far, mut ends) = (0.0f64, (DVec3::INFINITY, DVec3::NEG_INFINITY));
         for p in &e.points {
             let d = DVec3::new(p[0], p[1], p[2]) - f.eye;
-            let w = p[3];
-            self.points
-                .push([w * f.right.dot(d), w * f.up.dot(d), w * f.forward.dot(d), w]);
-            scale = scale.max(w * (d.x.abs() + d.y.abs() + d.z.abs()));
-            weight = weight.max(w);
+            // The greatest is 1: no sum overflows, whatever the weights.
+            let w = p[3] / most;
+            let c = DVec3::new(f.right.dot(d), f.up.dot(d), f.forward.dot(d));
+            self.points.push([w * c.x, w * c.y, w * c.z, w]);
+            far = far.max(d.x.abs() + d.y.abs() + d.z.abs());
+            ends = (ends.0.min(c), ends.1.max(c));
         }
+        // The element lies in the box about its control points, whatever their weights. Room: a difference and three products with their sum, and where rays are parallel, how far these stray from
+        // the frame's axis on their way.
+        let (middle, half) = (0.5 * (ends.0 + ends.1), 0.5 * (ends.1 - ends.0));
+        let pixels = if far.is_finite() {
+            rectangle(f, middle.to_array(), half.to_array(), 32.0 * EPS * far, f.all())?
+        } else {
+            f.all()
+        };
+        let places = (most / least).log2();
         let mut h = e.value_degree.map(usize::from);
         let mut face_axis = None;
         match task.target {
             Target::Isovalue(c) if e.rational_value => {
                 h = g;
                 self.values
-                    .extend(e.values.iter().zip(&e.points).map(|(a, p)| p[3] * (a - c)));
+                    .extend(e.values.iter().zip(&e.points).map(|(a, p)| p[3] / most * (a - c)));
             }
             Target::Isovalue(c) => self.values.extend(e.values.iter().map(|a| a - c)),
             Target::Parameter(axis, v) => {
@@ -214,25 +259,36 @@ impl Solver {
             }
         }
         let gamma = self.values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        if !(scale.is_finite() && gamma.is_finite()) {
-            self.leave(f, f.all());
+        let weighted = e.rational_value && matches!(task.target, Target::Isovalue(_));
+        let level = match task.target {
+            Target::Isovalue(c) if weighted => e.values.iter().fold(0.0f64, |m, a| m.max((a - c).abs())),
+            _ => gamma,
+        };
+        if !(far.is_finite() && gamma.is_finite() && level.is_finite() && places <= MOST_PLACES) {
+            self.leave(f, pixels);
             return None;
         }
         self.stack.push(Piece {
-            pixels: f.all(),
+            pixels,
             depth: [0; 3],
             since: [0; 3],
             faces: 0b11_1111,
-            // A difference, three products with their sum, the product with the weight.
-            geometry: 8.0,
-            attribute: 3.0,
+            // A difference, three products with their sum, the weight over the greatest and the product with it.
+            geometry: 9.0,
+            attribute: 4.0,
         });
         Some(Constants {
             g,
             h,
-            scale,
-            weight,
-            gamma,
+            far,
+            level,
+            varied: least < most,
+            weighted,
+            deepest: DEEPEST + places.ceil() as u8,
+            ends,
+            scale: far,
+            weight: 1.0,
+            gamma: if weighted { level } else { gamma },
             lane: if f.parallel { 3 } else { 2 },
             face_axis,
         })
@@ -258,19 +314,16 @@ impl Solver {
     fn step(&mut self, f: &Frustum, task: &Task, k: &Constants, mut piece: Piece) {
         let (np, nv) = (self.points.len() - count(k.g), self.values.len() - count(k.h));
         let (points, values) = (&self.points[np..], &self.values[nv..]);
+        let k = &k.of_piece(points);
         let noise = EPS * k.gamma * piece.attribute;
         let (lo, hi) = range(values);
         if lo > noise || hi < -noise {
             return self.drop_piece(k);
         }
-        let Some((b, least)) = project(f, k, &piece, points) else {
+        let Some(b) = project(f, k, &piece, points) else {
             return self.drop_piece(k);
         };
-        let near = if self.ends.is_on() {
-            nearest(k, &piece, points, least)
-        } else {
-            0.0
-        };
+        let near = if self.ends.is_on() { nearest(k, &piece, points) } else { 0.0 };
         let Some(b) = self.ends.open(f, b, near) else {
             return self.drop_piece(k);
         };
@@ -283,7 +336,7 @@ impl Solver {
             }
         }
         let derivatives = Derivatives::new(k, points, values);
-        let model = derivatives.model(f, k, &piece, points, values, least);
+        let model = derivatives.model(f, k, &piece, points, values);
         if let Some(m) = &model {
             if m.rho <= CONTRACTION {
                 // Pixels whose root lies too near the piece's outside are left: they see it again in smaller pieces.
@@ -341,7 +394,7 @@ impl Solver {
         }
     }
 
-    /// A piece of the smallest size: its pixels are undecided, and those whose rays pass it within the piece's own extent get an uncertain hit.
+    /// A piece of the smallest size: its pixels are undecided, and those whose rays pass the box about its control points get an uncertain hit there, if the box is small.
     #[inline(always)]
     fn give_up(&mut self, f: &Frustum, task: &Task, k: &Constants, piece: &Piece) {
         self.leave(f, piece.pixels);
@@ -351,11 +404,22 @@ impl Solver {
         let [p, pu, pv, pw] = jet(k.g, points, &at);
         let [_, au, av, aw] = jet(k.h, values, &bases(k.h, [0.5; 3]));
         let depth = p[2] / p[3];
+        let (lo, hi) = range_of(points, |p: Point| [p[0] / p[3], p[1] / p[3], p[2] / p[3], p[3]]);
+        let (whole, room) = (k.ends.1 - k.ends.0, EPS * piece.geometry * k.far);
+        if (0..3).any(|i| hi[i] - lo[i] > DRAWN * whole.max_element() + 2.0 * room) {
+            return;
+        }
+        // An extent of its own on every side: the box is a millionth of the element.
+        let beside = |i: usize, x: f64| x < lo[i] - (hi[i] - lo[i]) - room || x > hi[i] + (hi[i] - lo[i]) + room;
         let b = piece.pixels;
         for y in usize::from(b.y0)..=usize::from(b.y1) {
             for x in usize::from(b.x0)..=usize::from(b.x1) {
                 let pixel = y * f.width + x;
                 let ray = &f.rays[pixel];
+                let away = if f.parallel { 1.0 } else { depth };
+                if beside(0, ray.slope[0] * away) || beside(1, ray.slope[1] * away) {
+                    continue;
+                }
                 let extent = [pu, pv, pw].iter().map(|q| (q[2] - depth * q[3]).abs() / p[3]).sum::<f64>();
                 self.found.push(Found {
                     pixel: pixel as u16,
@@ -388,19 +452,47 @@ pub(crate) fn normal(f: &Frustum, p: Point, d: [Point; 3], g: [f64; 3]) -> DVec3
     world.normalize_or(DVec3::ZERO)
 }
 
-/// At most the depth of all points of a piece whose weights are at least `least`.
+/// Least and greatest weight.
 #[inline(always)]
-fn nearest(k: &Constants, piece: &Piece, points: &[Point], least: f64) -> f64 {
-    let near = points.iter().fold(f64::INFINITY, |m, p| m.least(p[2] / p[3]));
-    near - 2.0 * EPS * (piece.geometry + 4.0) * (k.scale + near.abs() * k.weight) / least
+fn range_of_weights(e: &HexElement) -> (f64, f64) {
+    e.points
+        .iter()
+        .fold((f64::INFINITY, 0.0f64), |(a, b), p| (a.least(p[3]), b.most(p[3])))
 }
 
-/// The pixels whose rays may pass the control points of a piece, and the least weight; `None`: none do.
+/// At most the depth of all points of a piece: errors of a coefficient are relative to its own weight.
+#[inline(always)]
+fn nearest(k: &Constants, piece: &Piece, points: &[Point]) -> f64 {
+    let near = points.iter().fold(f64::INFINITY, |m, p| m.least(p[2] / p[3]));
+    near - 3.0 * EPS * (piece.geometry + 4.0) * (k.far + near.abs())
+}
+
+/// Ends of the slopes or offsets of control points, each divided by its own D, widened by its own error (relative to its weight); `None` where a D may not be positive.
+#[inline(always)]
+fn quotients(k: &Constants, piece: &Piece, points: &[Point]) -> Option<[(f64, f64); 2]> {
+    let mut out = [(f64::INFINITY, f64::NEG_INFINITY); 2];
+    for p in points {
+        let d = p[k.lane];
+        let error = EPS * piece.geometry * k.far * p[3];
+        let heavy = if k.lane == 3 { EPS * piece.geometry * p[3] } else { error };
+        if d <= 4.0 * heavy {
+            return None;
+        }
+        for (x, (lo, hi)) in p.iter().zip(&mut out) {
+            let q = x / d;
+            let by = (error + q.abs() * heavy) / d * 1.5 + 4.0 * EPS * (q.abs() + k.far * p[3] / d);
+            (*lo, *hi) = (lo.min(q - by), hi.max(q + by));
+        }
+    }
+    Some(out)
+}
+
+/// The pixels whose rays may pass the control points of a piece; `None`: none do.
 ///
 /// Slopes are taken from those of the rectangle's middle, s0 and r0: of `x - s0 D` the least over the greatest or least depth is hardly less than the least quotient of a control point,
-/// and no point is divided by.
+/// and no point is divided by. Where depths or weights differ by more than a factor of 8 that is too wide, and every point is divided.
 #[inline(always)]
-pub(crate) fn project(f: &Frustum, k: &Constants, piece: &Piece, points: &[Point]) -> Option<(PixelBox, f64)> {
+pub(crate) fn project(f: &Frustum, k: &Constants, piece: &Piece, points: &[Point]) -> Option<PixelBox> {
     let [(s, ds), (r, dr)] = f.slopes(piece.pixels);
     let lane = k.lane;
     let (lo, hi) = range_of(points, |p: Point| [p[0] - s * p[lane], p[1] - r * p[lane], p[2], p[3]]);
@@ -415,10 +507,15 @@ pub(crate) fn project(f: &Frustum, k: &Constants, piece: &Piece, points: &[Point
     } else {
         (noise, k.scale)
     };
+    if far > 8.0 * near
+        && let Some([x, y]) = quotients(k, piece, points)
+    {
+        return f.narrow(piece.pixels, x, y);
+    }
     if near > 4.0 * heavy {
         let steep = s.abs().max(r.abs());
         let rough = noise + steep * heavy + 4.0 * EPS * (k.scale + steep * depth);
-        let quotients = |(a, b): (f64, f64), middle: f64| {
+        let slopes = |(a, b): (f64, f64), middle: f64| {
             let lo = a / if a < 0.0 { near } else { far };
             let hi = b / if b < 0.0 { far } else { near };
             let most = lo.abs().max(hi.abs());
@@ -426,8 +523,7 @@ pub(crate) fn project(f: &Frustum, k: &Constants, piece: &Piece, points: &[Point
             let by = (rough + most * heavy) / near * 1.5 + 4.0 * EPS * (most + middle.abs());
             (middle + lo - by, middle + hi + by)
         };
-        let b = f.narrow(piece.pixels, quotients((lo[0], hi[0]), s), quotients((lo[1], hi[1]), r))?;
-        return Some((b, lo[3]));
+        return f.narrow(piece.pixels, slopes((lo[0], hi[0]), s), slopes((lo[1], hi[1]), r));
     }
     // Points before and behind the eye: no quotients. A linear form that is negative on all control points is negative on the piece, and
     // not negative on the rays.
@@ -435,5 +531,5 @@ pub(crate) fn project(f: &Frustum, k: &Constants, piece: &Piece, points: &[Point
     let outside = [(0, s - ds, 1.0), (0, s + ds, -1.0), (1, r - dr, 1.0), (1, r + dr, -1.0)]
         .iter()
         .any(|&(lane, slope, sign)| points.iter().all(|p| sign * (p[lane] - slope * p[k.lane]) < -2.0 * most));
-    (!outside).then_some((piece.pixels, lo[3]))
+    (!outside).then_some(piece.pixels)
 }
