@@ -3,6 +3,10 @@
 //! Of the system P = (alpha, beta, gamma) the first two are linear here and solved at once: the ray in the element's parameters is `u(t) = p + t q`. What is left is gamma(u(t)), of the
 //! degree of the attribute's three degrees together (9 for a tri-cubic), made in Bernstein form by blossoming and solved by isobar-poly's proved search.
 //!
+//! **Far eyes.** Where the ray's origin is more than [`FAR`] parameters away, positions along it would be known too roughly. The origin is then moved along the ray to about where it passes the
+//! middle of the element or grid: t there is a number s of f64, the point `o + s d` is made with the errors of its products and sums added back ([`moved`]), and what is left of them is counted
+//! in the error of p. t is then measured from s, from -s on.
+//!
 //! **Segment.** `[t0, t1]` is where the computed ray is within a margin of the element's box and t >= 0: [`WIDE`], or 8 delta where that is more. Its ends' parameters a, b (f64) define the polynomial
 //! `P(x) = gamma(a + x (b - a))`, x in [0, 1]; gamma is the element's polynomial beyond its faces too. With `delta` a bound of the error of u(t) for t in the segment
 //! ([`LocalRay`]), the true function along the ray differs from P by at most `L delta`, L the sum of the greatest partial derivatives: degree times the spread of the
@@ -28,6 +32,8 @@ use isobar_poly::{First, MAX_DEGREE, Root, RootKind, Tolerance, all_roots, first
 const WIDE: f64 = 1.0 / (1 << 24) as f64;
 /// Greatest `delta`, else the pixel is undecided: beyond the box by 8 of it, partial derivatives of degree 27 together are at most 1.01 times those in the box.
 const MOST_DELTA: f64 = 1e-5;
+/// From how many parameters on the ray's origin is moved.
+const FAR: f64 = (1 << 20) as f64;
 /// What the projected box is widened by, in its own size, beside the rounding of its centre.
 const BORDER: f64 = 1.0 + 1.0 / (1 << 20) as f64;
 /// Wanted width of a bracket, in segments.
@@ -112,14 +118,48 @@ pub(crate) struct LocalRay {
     drift: f64,
     /// At least the parameter t it takes to go by 1 along some axis.
     pace: f64,
+    /// The ray's own t where this t is 0.
+    shift: f64,
+}
+
+/// Sum and its exact error.
+#[inline(always)]
+fn two_sum(a: DVec3, b: DVec3) -> (DVec3, DVec3) {
+    let s = a + b;
+    let c = s - a;
+    (s, (a - (s - c)) + (b - c))
+}
+
+/// `o + s d - origin`, wrong by its own rounding and by 4 EPS^2 of the second number: product and sums have their errors added back.
+#[inline(always)]
+fn moved(ray: &Ray, origin: DVec3, s: f64) -> (DVec3, DVec3) {
+    let far = ray.direction * s;
+    let (away, a) = two_sum(ray.origin, -origin);
+    let rest = ray.direction.mul_add(DVec3::splat(s), -far);
+    let (sum, b) = two_sum(away, far);
+    (sum + (b + (a + rest)), away.abs() + far.abs())
 }
 
 impl LocalRay {
+    /// `centre`: of the element or grid, in parameters.
     #[inline(always)]
-    pub(crate) fn new(place: &Place, ray: &Ray) -> Self {
-        let (p, error) = place.local(ray.origin - place.origin);
+    pub(crate) fn new(place: &Place, ray: &Ray, centre: [f64; 3]) -> Self {
+        let (mut p, mut error) = place.local(ray.origin - place.origin);
         let (q, drift) = place.local(ray.direction);
+        let mut shift = 0.0;
+        if p[0].abs().max(p[1].abs()).max(p[2].abs()) > FAR {
+            // Lengths of q far from 1 are brought near it: squares do not overflow.
+            let most = q[0].abs().max(q[1].abs()).max(q[2].abs());
+            let d = q.map(|q| q / most);
+            let ahead: f64 = (0..3).map(|a| (centre[a] - p[a]) * d[a]).sum();
+            shift = ahead / (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) / most;
+            let (x, sizes) = moved(ray, place.origin, shift);
+            (p, error) = place.local(x);
+            let most = place.rows.map(|r| r.abs().dot(sizes)).into_iter().fold(0.0, f64::max);
+            error += 4.0 * EPS * EPS * most;
+        }
         Self {
+            shift,
             p,
             q,
             inverse: q.map(|q| 1.0 / q),
@@ -198,10 +238,10 @@ pub(crate) fn exact_box(e: &HexElement) -> Option<(DVec3, DVec3)> {
     (boxed && Place::of_box(corners.0, corners.1).is_some()).then_some(corners)
 }
 
-/// Whether an eye is so near to a box, in sizes of its thinnest side, that positions in it are known well below [`MOST_DELTA`]. Others are halved as any element, in world coordinates.
+/// Whether an eye is so near to a box, in sizes of its thinnest side, that the box is known from a plane: at 2^53 of them one size is a rounding of the distance. Others are halved as any element, in world coordinates.
 pub(crate) fn is_near((lo, hi): (DVec3, DVec3), eye: DVec3) -> bool {
     let far = (eye - lo).abs().max((eye - hi).abs());
-    (far / (hi - lo).abs()).max_element() < 1e8
+    (far / (hi - lo).abs()).max_element() < 1e15
 }
 
 /// The pixels whose rays may pass a box: its centre in the camera frame and half its extent there. `noise`: error of the centre.
@@ -344,7 +384,7 @@ impl Solver {
         for y in usize::from(pixels.y0)..=usize::from(pixels.y1) {
             for x in usize::from(pixels.x0)..=usize::from(pixels.x1) {
                 let pixel = y * f.width + x;
-                self.along_ray(&field, &LocalRay::new(&place, &f.rays[pixel].ray), pixel);
+                self.along_ray(&field, &LocalRay::new(&place, &f.rays[pixel].ray, [0.5; 3]), pixel);
             }
         }
         self.values = values;
@@ -362,14 +402,14 @@ impl Solver {
             return;
         }
         let wide = WIDE.max(8.0 * delta);
-        let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
+        let (mut t0, mut t1) = (-ray.shift, f64::INFINITY);
         for a in 0..3 {
             let from = (field.lo[a] - wide - ray.p[a]) * ray.inverse[a];
             let to = (field.hi[a] + wide - ray.p[a]) * ray.inverse[a];
             t0 = t0.max(from.min(to));
             t1 = t1.min(from.max(to));
         }
-        if t0 > t1 || self.ends.is_past(pixel, t0) {
+        if t0 > t1 || self.ends.is_past(pixel, ray.shift + t0) {
             return;
         }
         self.work.polynomials += 1;
@@ -391,7 +431,20 @@ impl Solver {
             error,
             ..Tolerance::new(WIDTH.max(8.0 * error / (most - least)).min(1e-3))
         };
-        self.roots(field, p, &tolerance, delta, &Segment { t0, t1, a, b }, pixel);
+        self.roots(
+            field,
+            p,
+            &tolerance,
+            delta,
+            &Segment {
+                t0,
+                t1,
+                a,
+                b,
+                shift: ray.shift,
+            },
+            pixel,
+        );
     }
 
     /// The polynomial has both signs: its roots.
@@ -430,7 +483,7 @@ impl Solver {
         if outside {
             return;
         }
-        let time = |x: f64| s.t0 + x * (s.t1 - s.t0);
+        let time = |x: f64| s.shift + (s.t0 + x * (s.t1 - s.t0));
         // One more step: the search stops where its bracket is narrow enough.
         let (value, slope) = eval_with_derivative(p, r.t);
         let next = r.t - value / slope;
@@ -448,7 +501,7 @@ impl Solver {
             certain: inside && r.kind == RootKind::Crossing,
             face: !inside && r.kind == RootKind::Crossing,
             t,
-            error: (t - time(r.lo)).max(time(r.hi) - t) + 8.0 * EPS * s.t1,
+            error: (t - time(r.lo)).max(time(r.hi) - t) + 8.0 * EPS * (s.t0.abs().max(s.t1.abs()) + s.shift.abs()),
             normal: field.place.gradient([gu, gv, gw]).normalize_or(DVec3::ZERO),
         };
         self.ends.note(&found);
@@ -462,6 +515,7 @@ struct Segment {
     t1: f64,
     a: [f64; 3],
     b: [f64; 3],
+    shift: f64,
 }
 
 #[cfg(test)]

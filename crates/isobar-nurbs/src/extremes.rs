@@ -1,8 +1,8 @@
-//! Numbers far from 1: grids far from the origin, weights far apart.
+//! Numbers far from 1: grids far from the origin, eyes far from what they see, weights far apart.
 
 use crate::proofs::{checked, rays};
 use crate::tests::hexes;
-use isobar_core::{Claim, DMat3, DVec3, Data, Grid, HexElement, Knobs, Samples, Surface, View};
+use isobar_core::{Camera, Claim, DMat3, DVec3, Data, Grid, HexElement, Knobs, Samples, Surface, View};
 use std::sync::Arc;
 
 const SKEW: [DVec3; 3] = [
@@ -51,6 +51,47 @@ fn grids_far_from_the_origin_refute_nothing() {
         }
     }
     assert!(hits > 4000, "{hits}");
+}
+
+/// Parallel rays that start far away: positions along them are known to less than a cell, and what is hit is what is hit from near.
+#[test]
+fn far_eyes_see_grids_and_boxes() {
+    let mut sights = 0;
+    for (axes, at) in [(DVec3::AXES, DVec3::ZERO), (SKEW, DVec3::new(3.0, -5.0, 0.25))] {
+        let grid = quadric(axes, at);
+        let Data::Grid(g) = &*grid else { return };
+        let elements = isobar_fields::spline_to_hexes(g, isobar_fields::Kind::Trilinear, isobar_core::Stage::Stored).unwrap();
+        let (lo, hi) = grid.bounds();
+        let target = (lo + hi) * 0.5;
+        // Elements that are no boxes are not moved.
+        let boxes = Arc::new(Data::Hexes(elements));
+        let boxed = axes == DVec3::AXES;
+        for data in [&grid, &boxes].into_iter().take(1 + usize::from(boxed)) {
+            let mut from_near = None;
+            for away in [1e1, 1e6, 3e8, 1e9, 1e11, 1e13] {
+                let view = View {
+                    camera: Camera::Orthographic {
+                        eye: target + DVec3::new(away, 0.0, 0.0),
+                        target,
+                        up: DVec3::Z,
+                        height: 1.5 * (hi - lo).max_element(),
+                    },
+                    ..View::bench(24, 24)
+                };
+                let (c, _) = checked(data, &[Surface::isovalue(9.3, 0)], &view, Knobs::default());
+                assert_eq!((c.missed, c.false_hits, c.refuted), (0, 0, 0), "{away:e} {axes:?}: {c:?}");
+                let near = *from_near.get_or_insert(c.hits);
+                // Rays along x have the same y and z from everywhere; the eye's own are rounded to those of the target.
+                assert!(
+                    near > 60 && c.hits.abs_diff(near) <= 2,
+                    "{away:e} {axes:?}: {} {near}",
+                    c.hits
+                );
+                sights += 1;
+            }
+        }
+    }
+    assert_eq!(sights, 18);
 }
 
 /// The unit cube, each corner with its weight; the attribute is x.

@@ -235,7 +235,9 @@ impl Cells {
                 continue;
             };
             if rays.is_empty() {
-                rays.extend(f.rays.iter().map(|r| LocalRay::new(&bricks.place, &r.ray)));
+                let d = bricks.spline.domain();
+                let centre = ((d.lo + d.hi) * 0.5).to_array();
+                rays.extend(f.rays.iter().map(|r| LocalRay::new(&bricks.place, &r.ray, centre)));
             }
             brick.visit(|at| {
                 let cell: [usize; 3] = std::array::from_fn(|a| brick.first[a] as usize + at[a]);
