@@ -424,6 +424,7 @@ impl Renderer for Nurbs {
                     surfaces,
                     manner,
                     kept: &kept,
+                    stop,
                 };
                 let work = draw.tile(tile, out);
                 if let Ok(mut w) = paper_total.lock() {
@@ -440,6 +441,7 @@ impl Renderer for Nurbs {
                 claims: self.settings.claims,
                 stops: &stops,
                 frusta,
+                stop,
                 tile,
                 out,
                 solver: &mut solver,

@@ -22,7 +22,7 @@ use crate::paper_volume::{Bounds, holds_origin};
 use crate::solve::{Found, Target, Task};
 use crate::tile::Index;
 use glam::DVec3;
-use isobar_core::HexElement;
+use isobar_core::{HexElement, Stop};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
@@ -151,7 +151,9 @@ impl Seen {
 
 /// Results of a tile.
 #[derive(Default)]
-pub(crate) struct Paper {
+pub(crate) struct Paper<'a> {
+    /// Asked before each part of a list: where the attribute is constant one pixel may take many seconds.
+    pub(crate) stop: Option<&'a Stop>,
     pub(crate) found: Vec<Found>,
     /// Points of silhouettes, one for a pixel and part.
     pub(crate) beside: Vec<Found>,
@@ -160,7 +162,11 @@ pub(crate) struct Paper {
     pub(crate) work: Work,
 }
 
-impl Paper {
+impl Paper<'_> {
+    fn is_stopped(&self) -> bool {
+        self.stop.is_some_and(Stop::is_raised)
+    }
+
     /// All pixels of a frustum. The elements of a grid are its cells that reach the isovalue, made for the tile.
     pub(crate) fn draw(&mut self, f: &Frustum, wide: &Frustum, index: &Index, manner: &Manner, kept: &Kept) {
         self.found.clear();
@@ -184,6 +190,9 @@ impl Paper {
     /// The pixels that may see an element.
     fn element(&mut self, f: &Frustum, wide: &Frustum, element: &HexElement, task: &Task, manner: &Manner, kept: Option<&Kept>) {
         let Target::Isovalue(c) = task.target else { return };
+        if self.is_stopped() {
+            return;
+        }
         let Some(pixels) = rectangle(wide, element) else { return };
         let make = || Forms::new(f, element, c, manner.region.is_some());
         let forms = kept.map_or_else(|| Arc::new(make()), |k| k.get((task.element, c.to_bits()), make));
@@ -229,6 +238,9 @@ impl Paper {
             && self.found.len() == known
         {
             for i in dropped {
+                if self.is_stopped() {
+                    return;
+                }
                 self.silhouettes(f, task, parts, i, pixel, square);
             }
         }
@@ -253,6 +265,9 @@ impl Paper {
             self.work.longest = self.work.longest.max(n);
             let mut next = Vec::new();
             for i in list {
+                if self.is_stopped() {
+                    return;
+                }
                 if !parts.turns(i)
                     && let Some(u) = self.newton(parts, i, slope, manner.epsilon)
                 {

@@ -4,7 +4,7 @@ use crate::frustum::Frustum;
 use crate::paper::{Kept, Manner, Paper, Work};
 use crate::solve::Found;
 use crate::tile::Index;
-use isobar_core::{Camera, Claim, Hit, Surface, View};
+use isobar_core::{Camera, Claim, Hit, Stop, Surface, View};
 use isobar_cpu::{PixelSink, Tile, TileOut};
 
 /// The paper's 1/(2h): as a slope or offset in the frame of the tile, and as the number it is. Lists of rays have no pixels: 1e-8 of the distance.
@@ -25,12 +25,16 @@ pub(crate) struct DrawPaper<'a> {
     pub(crate) surfaces: &'a [Surface],
     pub(crate) manner: Manner,
     pub(crate) kept: &'a Kept,
+    pub(crate) stop: &'a Stop,
 }
 
 impl DrawPaper<'_> {
     /// Draws one tile.
     pub(crate) fn tile(&self, tile: Tile, out: &mut TileOut<'_>) -> Work {
-        let mut solver = Paper::default();
+        let mut solver = Paper {
+            stop: Some(self.stop),
+            ..Paper::default()
+        };
         for (frustum, (x0, y0)) in Frustum::of_tile(self.view, tile) {
             solver.draw(&frustum, &frustum.widened(), self.index, &self.manner, self.kept);
             let sorted = |list: &[Found]| {

@@ -4,7 +4,7 @@ use crate::candidates::Candidates;
 use crate::frustum::Frustum;
 use crate::grid::Cells;
 use crate::solve::{Found, Solver};
-use isobar_core::{Channels, Claim, HexPatches, Hit, Surface, View};
+use isobar_core::{Channels, Claim, HexPatches, Hit, Stop, Surface, View};
 use isobar_cpu::{Kernel, PixelSink, Tile, TileOut};
 
 /// Where a tile finds what it may see.
@@ -26,6 +26,8 @@ pub(crate) struct DrawTile<'a, 'b> {
     pub(crate) stops: &'a [bool],
     /// Whether pixels that the centre ray misses are searched as frusta.
     pub(crate) frusta: bool,
+    /// Asked before each element.
+    pub(crate) stop: &'a Stop,
     pub(crate) tile: Tile,
     pub(crate) out: &'a mut TileOut<'b>,
     pub(crate) solver: &'a mut Solver,
@@ -43,6 +45,7 @@ impl Kernel for DrawTile<'_, '_> {
             claims,
             stops,
             frusta,
+            stop,
             tile,
             out,
             solver,
@@ -54,7 +57,7 @@ impl Kernel for DrawTile<'_, '_> {
             match index {
                 Index::Elements(patches, candidates) => {
                     for (near, i) in candidates.list(&frustum, &mut nodes, solver.ends.is_on()) {
-                        if solver.ends.all_behind(&frustum, near) {
+                        if stop.is_raised() || solver.ends.all_behind(&frustum, near) {
                             break;
                         }
                         let task = &candidates.tasks[i as usize];
@@ -78,6 +81,9 @@ impl Kernel for DrawTile<'_, '_> {
                 let wide = frustum.widened();
                 match index {
                     Index::Elements(patches, candidates) => candidates.visit(&wide, &mut nodes, |task| {
+                        if stop.is_raised() {
+                            return;
+                        }
                         let element = &patches.elements[task.element as usize];
                         solver.cover(&wide, element, task, [0.0; 2], &mut settled, &mut covered);
                     }),
