@@ -214,7 +214,10 @@ pub fn blossom<T: Number>(degree: usize, knots: &[T], control: &[T], k: usize, a
             let i = k - degree + j;
             let (lo, hi) = (&knots[i], &knots[i + degree + 1 - r]);
             let alpha = (x.clone() - lo.clone()) / (hi.clone() - lo.clone());
-            d[j] = d[j - 1].clone() + (d[j].clone() - d[j - 1].clone()) * alpha;
+            // At the end of a span what is there already: a difference loses numbers far smaller than their neighbours, as weights may be.
+            if x != hi {
+                d[j] = d[j - 1].clone() + (d[j].clone() - d[j - 1].clone()) * alpha;
+            }
         }
     }
     d[degree].clone()

@@ -136,7 +136,7 @@ fn plateaus_are_hit_at_their_entry() {
 /// hardcases E1 and B17: far eyes and extreme aspects neither lose hits nor claim what is not proved.
 #[test]
 fn far_eyes_and_thin_cells() {
-    trials::far_eyes_and_thin_cells(&TETSPLINE_CPU, |data, surfaces, view| {
+    trials::far_eyes_and_thin_cells(&TETSPLINE_CPU, false, |data, surfaces, view| {
         checked(data, surfaces, view);
     });
 }

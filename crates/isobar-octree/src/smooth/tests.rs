@@ -261,7 +261,7 @@ fn plateaus_are_hit_at_their_entry() {
     }
 }
 
-/// hardcases E1 and B17: extreme aspects change nothing; far eyes lose no hit and claim nothing.
+/// hardcases E1 and B17: extreme aspects change nothing; far eyes lose no hit, and exact arithmetic decides them.
 #[test]
 fn far_eyes_and_thin_cells() {
     for spacing in [DVec3::new(1.0, 1.0, 1e-6), DVec3::new(1.0, 1e6, 1.0)] {
@@ -279,12 +279,9 @@ fn far_eyes_and_thin_cells() {
     };
     for kind in SMOOTH {
         let (f, _) = draw(kind, &data, &[Surface::isovalue(16.25, 0)], &View::rays(vec![ray]), 2);
-        assert_eq!(
-            (f.hits[0], f.claim[0]),
-            (1, Claim::empty()),
-            "{kind}: nothing is proved at 10^12"
-        );
-        assert!((f.t[0] - 1e12 - 16.25).abs() < 0.3, "{kind}: {}", f.t[0]);
+        assert_eq!((f.hits[0], f.claim[0]), (1, Claim::EXISTS | Claim::FIRST), "{kind}: at 10^12");
+        // Numbers next to each other are 1.2e-4 apart there.
+        assert!((f.t[0] - 1e12 - 16.25).abs() < 2.5e-4, "{kind}: {}", f.t[0]);
     }
 }
 
