@@ -87,13 +87,13 @@ pub fn searched(letter: char, size: usize) -> Result<(Algebraic, View), RenderEr
     let [near, far] = [0, 1].map(|e| corners[0][e].dot(lens.forward));
     view.clips = vec![
         ClipPlane {
-            normal: lens.forward,
-            distance: near,
+            normal: -lens.forward,
+            distance: -near,
             cap: false,
         },
         ClipPlane {
-            normal: -lens.forward,
-            distance: -far,
+            normal: lens.forward,
+            distance: far,
             cap: false,
         },
     ];

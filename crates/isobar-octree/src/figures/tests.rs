@@ -113,7 +113,7 @@ fn contenders_find_the_same_surfaces() {
             // What is found lies between the planes and on the surface.
             for p in c.drawn.points.iter().filter(|p| p.is_finite()) {
                 for clip in &view.clips {
-                    assert!(p.dot(clip.normal) >= clip.distance - 1e-3);
+                    assert!(p.dot(clip.normal) <= clip.distance + 1e-3);
                 }
             }
         }
