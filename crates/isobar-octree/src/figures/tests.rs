@@ -91,7 +91,7 @@ fn bricks_are_active_where_their_samples_lie_on_both_sides() {
     }
 }
 
-/// Searched with the robust solver in f64, each frame is the one the planes leave, so f32 and LR81 alone part the contenders.
+/// All ways find the same surface but for a few pixels, f32 being what parts them, and what is found lies between the planes.
 #[test]
 fn contenders_find_the_same_surfaces() {
     for (letter, degree, _) in SURFACES {
@@ -110,7 +110,6 @@ fn contenders_find_the_same_surfaces() {
             let far = (c.drawn.points.iter().zip(&first.points))
                 .filter(|(a, b)| a.is_finite() != b.is_finite() || (a.is_finite() && (**a - **b).length() > view.footprint(8.0)));
             assert!(far.count() <= 10, "{letter} {:?}", c.how);
-            // What is found lies between the planes and on the surface.
             for p in c.drawn.points.iter().filter(|p| p.is_finite()) {
                 for clip in &view.clips {
                     assert!(p.dot(clip.normal) <= clip.distance + 1e-3);
@@ -162,7 +161,7 @@ fn without_details_a_speck_vanishes() {
         panic!("a stage per level and one by magnitude");
     };
     assert_eq!((all.details.as_str(), all.above.all, all.below.all), ("all", 3, 1));
-    assert!(all.above.large == 2 && all.above.largest > 400, "{:?}", all.above);
+    assert!(all.above.large == 2 && all.above.largest > 300, "{:?}", all.above);
     assert!(coarse.chunks == 0 && coarse.above.all < 3, "{:?}", coarse.above);
     assert!(magnitude.chunks < all.chunks);
     shows(&Image::linear(&view, &all.picture.frame.rgba));
@@ -192,7 +191,9 @@ fn the_levels_of_a_view_are_seen_from_behind_and_near_a_border() {
             shows(&s.shaded);
             assert_eq!(s.picture.grid, picture.grid);
         }
-        assert_ne!(shots[0].shaded, shots[0].by_level);
+        if shots.len() == 2 {
+            assert_ne!(shots[0].shaded, shots[0].by_level);
+        }
     }
     assert!(borders > 0, "a border of levels is in view");
 }
