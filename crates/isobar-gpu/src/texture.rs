@@ -2,6 +2,8 @@
 
 use crate::{Gpu, GpuError};
 use isobar_core::Samples;
+use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// The texel type of a [`Volume`]: each holds its samples exactly, and turns into f32 exactly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -67,22 +69,89 @@ pub enum Texels<'a> {
     Samples(&'a Samples),
     /// Coefficients in f32.
     F32(&'a [f32]),
+    /// Coefficients in f32 times a power of two: see [`Texels::balanced`].
+    Scaled(&'a [f32], f64),
+}
+
+/// The exponent of a number that is not 0: the number is below 2^(e + 1) and not below 2^e.
+fn exponent(v: f32) -> i32 {
+    ((f64::from(v).to_bits() >> 52) & 0x7ff) as i32 - 1023
+}
+
+/// 2^e for |e| below 1023.
+fn power(e: i32) -> f64 {
+    f64::from_bits(((1023 + e) as u64) << 52)
 }
 
 impl<'a> Texels<'a> {
-    /// Their type and bytes.
-    fn bytes(self) -> (Texel, &'a [u8]) {
+    /// The same texels times a power of two, and that power: kernels compute in f32, where polynomials and products of coefficients near 3.4e38 overflow and coefficients near
+    /// 1.2e-38 or below it vanish. 1, and nothing is done, for integers and where every magnitude but 0 lies between 2^-40 and 2^41; else the greatest comes to lie between
+    /// 2^30 and 2^31. The product is exact but for what lies below 2^-157 of the greatest. Isovalues are to be multiplied by the same number; roots, signs, normals and their
+    /// order do not change.
+    #[must_use]
+    pub fn balanced(self) -> (Self, f64) {
+        /// Exponents of what is left as it is.
+        const USUAL: std::ops::RangeInclusive<i32> = -40..=40;
+        /// Exponent of the greatest magnitude: cubes of it are far from overflow.
+        const TOP: i32 = 30;
+        let values = match self {
+            Self::Samples(Samples::F32(s)) => s,
+            Self::F32(s) => s,
+            _ => return (self, 1.0),
+        };
+        let extremes = |part: &[f32]| {
+            part.iter().fold((f32::INFINITY, 0.0f32), |(lo, hi), v| {
+                let v = v.abs();
+                (if v > 0.0 { lo.min(v) } else { lo }, hi.max(v))
+            })
+        };
+        let (lo, hi) = values
+            .par_chunks(1 << 16)
+            .map(extremes)
+            .reduce(|| (f32::INFINITY, 0.0), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+        if hi == 0.0 || (USUAL.contains(&exponent(hi)) && USUAL.contains(&exponent(lo))) {
+            return (self, 1.0);
+        }
+        let by = power(TOP - exponent(hi));
+        (Self::Scaled(values, by), by)
+    }
+
+    /// Their type.
+    #[must_use]
+    pub const fn texel(self) -> Texel {
         match self {
-            Self::Samples(s) => (
-                Texel::of(s),
-                match s {
-                    Samples::U8(s) => s,
-                    Samples::U16(s) => bytemuck::cast_slice(s),
-                    Samples::I16(s) => bytemuck::cast_slice(s),
-                    Samples::F32(s) => bytemuck::cast_slice(s),
-                },
-            ),
-            Self::F32(s) => (Texel::F32, bytemuck::cast_slice(s)),
+            Self::Samples(s) => Texel::of(s),
+            Self::F32(_) | Self::Scaled(..) => Texel::F32,
+        }
+    }
+
+    /// Number of texels.
+    fn count(self) -> usize {
+        match self {
+            Self::Samples(s) => s.len(),
+            Self::F32(s) | Self::Scaled(s, _) => s.len(),
+        }
+    }
+
+    /// The bytes of `count` texels from `first` on, as the texture holds them.
+    ///
+    /// # Panics
+    /// When there are not as many.
+    #[must_use]
+    pub fn bytes(self, first: usize, count: usize) -> Cow<'a, [u8]> {
+        let range = first..first + count;
+        match self {
+            Self::Samples(s) => Cow::Borrowed(match s {
+                Samples::U8(s) => &s[range],
+                Samples::U16(s) => bytemuck::cast_slice(&s[range]),
+                Samples::I16(s) => bytemuck::cast_slice(&s[range]),
+                Samples::F32(s) => bytemuck::cast_slice(&s[range]),
+            }),
+            Self::F32(s) => Cow::Borrowed(bytemuck::cast_slice(&s[range])),
+            Self::Scaled(s, by) => {
+                let scaled = s[range].iter().flat_map(|v| ((f64::from(*v) * by) as f32).to_ne_bytes());
+                Cow::Owned(scaled.collect())
+            }
         }
     }
 }
@@ -210,23 +279,23 @@ impl Gpu {
         pad: usize,
         outside: impl Fn(isize, usize) -> usize,
     ) -> Result<Volume, GpuError> {
-        let (texel, bytes) = texels.bytes();
+        let (texel, [nx, ny, nz]) = (texels.texel(), dims);
         let size = texel.bytes() as usize;
         assert_eq!(
-            bytes.len(),
-            dims.iter().product::<usize>() * size,
+            texels.count(),
+            dims.iter().product::<usize>(),
             "texels match their dimensions"
         );
         let volume = self.volume(what, dims.map(|n| n + 2 * pad), texel)?;
-        let [nx, ny, nz] = dims;
+        let slice = |z: usize| texels.bytes(z * nx * ny, nx * ny);
         if pad == 0 {
-            self.write_slices(&volume, bytes.chunks_exact((nx * ny * size).max(1)))?;
+            self.write_slices(&volume, (0..nz).map(slice))?;
             return Ok(volume);
         }
         let index = |i: usize, n: usize| outside(i as isize - pad as isize, n);
         let columns: Vec<usize> = (0..nx + 2 * pad).map(|i| index(i, nx)).collect();
         let slices = (0..nz + 2 * pad).map(|k| {
-            let slice = &bytes[index(k, nz) * nx * ny * size..][..nx * ny * size];
+            let slice = slice(index(k, nz));
             let mut padded = Vec::with_capacity((nx + 2 * pad) * (ny + 2 * pad) * size);
             for j in 0..ny + 2 * pad {
                 let row = &slice[index(j, ny) * nx * size..][..nx * size];
@@ -331,6 +400,26 @@ mod tests {
             let want: Vec<f32> = (0..60).map(|i| samples.get(i) as f32).collect();
             assert_eq!(texels(&gpu, &v), want, "{}", samples.type_name());
             assert_eq!(v.bytes(), samples.bytes() as u64);
+        }
+    }
+
+    #[test]
+    fn floats_beyond_the_middle_of_their_range_are_scaled_exactly() {
+        let usual = [1e-12f32, -3.0, 0.0, 1e12];
+        assert!(matches!(Texels::F32(&usual).balanced(), (Texels::F32(_), by) if by == 1.0));
+        assert_eq!(Texels::F32(&[0.0; 3]).balanced().1, 1.0);
+        assert_eq!(Texels::Samples(&Samples::U8(vec![255u8].into())).balanced().1, 1.0);
+        for values in [[f32::MAX, -1e37, 3e30], [1e-45, -3e-44, 0.0], [1.0, 1e-40, -0.75]] {
+            let (texels, by) = Texels::F32(&values).balanced();
+            let bytes = texels.bytes(0, 3);
+            let scaled: &[f32] = &bytemuck::pod_collect_to_vec(&bytes);
+            let most = scaled.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+            assert!((2f32.powi(30)..2f32.powi(31)).contains(&most), "{values:?}: {most}");
+            for (v, s) in values.iter().zip(scaled) {
+                assert_eq!(f64::from(*s) / by, f64::from(*v));
+                assert!(*s == 0.0 || s.is_normal());
+            }
+            assert_eq!(texels.bytes(1, 1)[..], bytes[4..8]);
         }
     }
 

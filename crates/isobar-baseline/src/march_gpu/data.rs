@@ -10,8 +10,8 @@ pub(super) fn pad(degree: usize) -> usize {
     usize::from(degree > 1)
 }
 
-/// Uploads the coefficients slice by slice.
-pub(super) fn upload(gpu: &Gpu, spline: &GridSpline) -> Result<Volume, RenderError> {
+/// Uploads the coefficients slice by slice; beside them the power of two that they are multiplied by, as isovalues have to be.
+pub(super) fn upload(gpu: &Gpu, spline: &GridSpline) -> Result<(Volume, f64), RenderError> {
     let texels = match spline.coefficients() {
         Coefficients::Samples(s) => Texels::Samples(s),
         Coefficients::F32(c) => Texels::F32(c),
@@ -24,5 +24,9 @@ pub(super) fn upload(gpu: &Gpu, spline: &GridSpline) -> Result<Volume, RenderErr
     let pad = pad(spline.kind().basis().degree);
     let border = spline.border();
     let outside = |i, n| border.index(i, n);
-    Ok(gpu.upload_bordered("the volume", spline.grid().dims, texels, pad, outside)?)
+    let (texels, scale) = texels.balanced();
+    Ok((
+        gpu.upload_bordered("the volume", spline.grid().dims, texels, pad, outside)?,
+        scale,
+    ))
 }

@@ -9,8 +9,8 @@ use crate::given::Given;
 use crate::support;
 use bytemuck::Zeroable;
 use isobar_core::{
-    Channels, Counters, Data, DataError, Frame, Function, Knobs, Memory, RenderError, RenderTime, Renderer, Request,
-    ResolvedKnobs, Stage, Stop, Surface, TransferFunction, View,
+    Channels, Counters, Data, Frame, Function, Knobs, Memory, RenderError, RenderTime, Renderer, Request, ResolvedKnobs, Stage,
+    Stop, Surface, TransferFunction, View,
 };
 use isobar_cpu::Pool;
 use isobar_fields::{GridSpline, Kind};
@@ -50,6 +50,8 @@ struct Prepared {
     data: Arc<Data>,
     spline: GridSpline,
     volume: Volume,
+    /// Coefficients on the device are those of the spline times this power of two, and isovalues have to be.
+    scale: f64,
     blocks: Blocks,
     to_index: ToIndex,
     /// What depends on the data only; the rest is filled in by `render`.
@@ -126,7 +128,7 @@ impl MarchRenderer {
     fn prepare(&mut self, data: &Arc<Data>, settings: &Settings) -> Result<Prepared, RenderError> {
         let grid = support::grid(&INFO, data)?;
         let spline = self.pool.install(|| GridSpline::new(grid, settings.kind, Stage::Stored))?;
-        let volume = data::upload(&self.gpu, &spline)?;
+        let (volume, scale) = data::upload(&self.gpu, &spline)?;
         let to_index = ToIndex::new(&grid.domain(), false);
         let mut params = Params::zeroed();
         params.last = grid.dims.map(|n| (n - 1) as f32);
@@ -134,15 +136,11 @@ impl MarchRenderer {
         params.gradients = to_index.gradients();
         blocks::describe(&mut params, grid.dims, settings.kind.basis().degree, self.gpu.binding_limit());
         let blocks = self.builder(volume.texel())?.build(&self.gpu, &volume, &params)?;
-        if !(blocks.range[1] - blocks.range[0]).is_finite() {
-            return Err(RenderError::Data(DataError::Unknown(
-                "the samples span more than f32 holds; scale them down, or use a cpu method".into(),
-            )));
-        }
         Ok(Prepared {
             data: Arc::clone(data),
             spline,
             volume,
+            scale,
             blocks,
             to_index,
             params,
@@ -249,7 +247,8 @@ impl Renderer for MarchRenderer {
         self.samples = 0;
         self.gpu.check()?;
         let surface_of = |i| surfaces.surface(i);
-        let (levels, bias) = levels_within(surfaces.values(), surface_of, surfaces.all(), prepared.blocks.range);
+        let values: Vec<f64> = surfaces.values().iter().map(|c| c * prepared.scale).collect();
+        let (levels, bias) = levels_within(&values, surface_of, surfaces.all(), prepared.blocks.range);
         self.empty = levels.is_empty();
         if self.empty {
             self.given.drew();

@@ -1,4 +1,4 @@
-//! Coefficients on the device: a 3D texture in their own type, read by explicit loads.
+//! Coefficients on the device: a 3D texture in their own type, floats times a power of two where f32 would not hold what is made of them, read by explicit loads.
 
 use super::INFO;
 use super::bricks::Bricks;
@@ -20,6 +20,8 @@ pub(super) struct Prepared {
     pub(super) volume: Volume,
     pub(super) bricks: Bricks,
     pub(super) to_index: ToIndex,
+    /// Coefficients on the device are those of the spline times this power of two, and isovalues have to be.
+    pub(super) scale: f64,
     /// What depends on the data only; the rest is filled in by `render`.
     pub(super) params: Params,
 }
@@ -42,6 +44,7 @@ impl Prepared {
                 return Err(DataError::Unknown("coefficients in f64 are not drawn on the GPU".into()).into());
             }
         };
+        let (texels, scale) = texels.balanced();
         // The kernels know the border.
         let volume = gpu.upload_bordered("the volume", grid.dims, texels, 0, |i, _| i as usize)?;
         let to_index = ToIndex::new(&grid.domain(), kind.basis().centred);
@@ -54,17 +57,13 @@ impl Prepared {
         params.axes = to_index.axes();
         params.gradients = to_index.gradients();
         let bricks = Bricks::new(gpu, kernels, &volume, &params)?;
-        if !(bricks.range[1] - bricks.range[0]).is_finite() {
-            return Err(
-                DataError::Unknown("the samples span more than f32 holds; scale them down, or use a cpu method".into()).into(),
-            );
-        }
         Ok(Self {
             data: Arc::clone(data),
             spline,
             volume,
             bricks,
             to_index,
+            scale,
             params,
         })
     }

@@ -186,7 +186,8 @@ impl OctreeRenderer {
         }
         let bricks: &Bricks = &prepared.bricks;
         let surface_of = |i| surfaces.surface(i);
-        let (levels, bias) = levels_within(surfaces.values(), surface_of, surfaces.all(), bricks.range);
+        let values: Vec<f64> = surfaces.values().iter().map(|c| c * prepared.scale).collect();
+        let (levels, bias) = levels_within(&values, surface_of, surfaces.all(), bricks.range);
         self.gpu.write(&self.levels, bytemuck::cast_slice(&levels))?;
         let params = Params {
             bias_hi: bias[0],

@@ -3,11 +3,11 @@
 use super::INFO;
 use super::settings::Settings;
 use super::smooth::gaussian;
-use isobar_core::{DVec3, Data, DataError, Domain, RenderError, Samples, Stage, Tetrahedral as _};
+use isobar_core::{DVec3, Data, DataError, Domain, RenderError, Stage, Tetrahedral as _};
 use isobar_cpu::scene::grid;
 use isobar_fields::{Coefficients, Type6Spline};
 use isobar_gpu::rays::ToIndex;
-use isobar_gpu::{Gpu, Texel, Volume};
+use isobar_gpu::{Gpu, Texels, Volume};
 use std::sync::Arc;
 
 /// What is made of the data.
@@ -24,6 +24,8 @@ pub(super) struct Prepared {
     pub(super) domain: Domain,
     /// Least and greatest datum.
     pub(super) range: (f64, f64),
+    /// Data on the device are those of the spline times this power of two, and isovalues have to be.
+    pub(super) scale: f64,
     pub(super) prefiltered: bool,
 }
 
@@ -54,31 +56,20 @@ impl Prepared {
             });
         }
         let range = spline.range([0; 3], dims);
-        if !((range.hi as f32) - (range.lo as f32)).is_finite() {
-            return Err(
-                DataError::Unknown("the samples span more than f32 holds; scale them down, or use a cpu method".into()).into(),
-            );
-        }
-        let (texel, bytes): (Texel, &[u8]) = match spline.coefficients() {
-            Coefficients::Samples(s) => (
-                Texel::of(s),
-                match s {
-                    Samples::U8(s) => s,
-                    Samples::U16(s) => bytemuck::cast_slice(s),
-                    Samples::I16(s) => bytemuck::cast_slice(s),
-                    Samples::F32(s) => bytemuck::cast_slice(s),
-                },
-            ),
-            Coefficients::F32(s) => (Texel::F32, bytemuck::cast_slice(s)),
+        let texels = match spline.coefficients() {
+            Coefficients::Samples(s) => Texels::Samples(s),
+            Coefficients::F32(s) => Texels::F32(s),
             Coefficients::F64(_) => return Err(DataError::Unknown("data in f64 are not drawn on the GPU".into()).into()),
         };
+        let (texels, scale) = texels.balanced();
+        let texel = texels.texel();
         let same = old.filter(|o| o.volume.texel() == texel && o.volume.dims().map(|n| n as usize) == dims);
         let volume = match same {
             Some(o) => o.volume.clone(),
             None => gpu.volume("the volume", dims, texel)?,
         };
-        let slice = dims[0] * dims[1] * texel.bytes() as usize;
-        gpu.write_slices(&volume, bytes.chunks_exact(slice.max(1)))?;
+        let slice = dims[0] * dims[1];
+        gpu.write_slices(&volume, (0..dims[2]).map(|z| texels.bytes(z * slice, slice)))?;
         let domain = grid.domain();
         Ok(Self {
             data: Arc::clone(data),
@@ -87,6 +78,7 @@ impl Prepared {
             to_index: ToIndex::new(&domain, true),
             domain,
             range: (range.lo, range.hi),
+            scale,
             prefiltered,
             spline,
             drawn,

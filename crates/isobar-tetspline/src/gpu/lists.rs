@@ -543,14 +543,15 @@ fn bind_lists(
     ])
 }
 
-/// The isovalues inside a range, ascending, less the bias, and the bias as a sum of two f32.
-pub(super) fn levels(surfaces: &isobar_cpu::scene::Isovalues, range: (f64, f64)) -> (Vec<Level>, [f32; 2]) {
+/// The isovalues inside a range, ascending, times `scale`, less the bias, and the bias as a sum of two f32.
+pub(super) fn levels(surfaces: &isobar_cpu::scene::Isovalues, range: (f64, f64), scale: f64) -> (Vec<Level>, [f32; 2]) {
     let within: Vec<(usize, f64)> = surfaces
         .values()
         .iter()
         .copied()
         .enumerate()
         .filter(|(_, c)| range.0 <= *c && *c <= range.1)
+        .map(|(i, c)| (i, c * scale))
         .collect();
     let bias = match (within.first(), within.last()) {
         (Some(a), Some(b)) => 0.5 * a.1 + 0.5 * b.1,

@@ -183,7 +183,7 @@ impl TetsplineRenderer {
         if self.listed.is_some() {
             return self.ensure_culled();
         }
-        let (levels, bias) = lists::levels(surfaces, prepared.range);
+        let (levels, bias) = lists::levels(surfaces, prepared.range, prepared.scale);
         self.gpu.write(&self.levels, bytemuck::cast_slice(&levels))?;
         let program = ListProgram {
             texel: prepared.volume.texel(),

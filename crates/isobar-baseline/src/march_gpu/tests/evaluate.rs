@@ -30,7 +30,7 @@ fn evaluate(
     bias: [f32; 2],
     points: &[[f32; 4]],
 ) -> Vec<[f32; 4]> {
-    let volume = data::upload(gpu, spline).unwrap();
+    let (volume, _) = data::upload(gpu, spline).unwrap();
     let program = Program::new(volume.texel(), spline.kind(), filter);
     let source = program.source(&[EVALUATE, SNIPPETS, shader::SHARED], "evaluate").unwrap();
     shader::validate("evaluate", &source).unwrap();
@@ -203,7 +203,7 @@ fn blocks_hold_the_range_of_their_stencils() {
         ([2, 2, 2], Kind::QuadraticInterpolating, 3),
     ] {
         let spline = GridSpline::new(&random_grid(dims, which), kind, Stage::Stored).unwrap();
-        let volume = data::upload(&gpu, &spline).unwrap();
+        let (volume, _) = data::upload(&gpu, &spline).unwrap();
         let mut params = Params::zeroed();
         params.last = dims.map(|n| (n - 1) as f32);
         blocks::describe(&mut params, dims, kind.basis().degree, 1 << 20);
