@@ -55,5 +55,5 @@ pub mod wavelet;
 
 pub use cpu::{OCTREE_CPU, OctreeCpu};
 #[cfg(feature = "gpu")]
-pub use gpu::{OCTREE_GPU, OctreeGpu};
+pub use gpu::{OCTREE_GPU, OctreeGpu, agreement};
 pub use paper::{OCTREE_CPU_PAPER, OctreeCpuPaper};

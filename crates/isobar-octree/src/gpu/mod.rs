@@ -16,6 +16,7 @@
 //! Sources: M. Steinberger, *Isosurface rendering with spline wavelets and octrees* (Graz 2010), sections 3.2 to 3.5. Different here: the digital
 //! differential analyser instead of the parametric octree walk, fixed-point rays, the solver (`shaders/octree_solve.wgsl`).
 
+pub mod agreement;
 mod bricks;
 mod data;
 mod generate;

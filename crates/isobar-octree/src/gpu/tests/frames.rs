@@ -2,12 +2,13 @@
 
 use super::*;
 use crate::OCTREE_CPU;
+use crate::agreement::Agreement;
 use crate::gpu::OCTREE_GPU;
 use isobar_core::{Camera, Claim, ClipPlane, Ray};
 use isobar_oracle::Oracle;
 
 /// A root of the GPU against its certified one, voxels. Seen: median 5e-8, 99 % 5e-7, at most 1.1e-5 (rays that graze the surface).
-const VOXELS: f64 = 5e-5;
+const VOXELS: f64 = 2e-5;
 
 /// No pixel is missed, false, on the wrong root or surface, for any reconstruction.
 #[test]
@@ -59,7 +60,7 @@ fn noise_is_exact_on_any_lattice() {
             let wrong = c.missed + c.false_hits + c.wrong_root + c.wrong_surface;
             assert!(c.hits > 100, "{kind}: {}", c.hits);
             assert_eq!(wrong, 0, "{kind}");
-            assert!(c.t_error_voxels.max < 1e-3, "{kind}: {:?}", c.t_error_voxels);
+            assert!(c.t_error_voxels.max < 1e-4, "{kind}: {:?}", c.t_error_voxels);
         }
     }
 }
@@ -135,12 +136,14 @@ fn layers_and_several_isovalues_are_those_of_the_cpu() {
         &view,
     );
     let n = view.pixels();
-    let unlike = isobar_scenes::unlike_layers(&g, &c, 4);
+    let a = Agreement::of(&g, &c, n, 1.0);
+    let mut colours = g.rgba.iter().flatten().zip(c.rgba.iter().flatten());
+    let colour = colours.by_ref().map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
     let hits: u64 = g.hits.iter().map(|h| u64::from(*h)).sum();
     assert!(hits > n as u64, "{hits} hits");
     assert!([0, 1, 4].iter().all(|s| g.surface.contains(s)) && !g.surface.contains(&2));
-    // Near-tangent pixels of noise, where a root more or less is a matter of rounding.
-    assert!(unlike <= 2, "{unlike} of {n} pixels");
+    assert_eq!((a.other, a.beyond), (0, 0), "{a:?}");
+    assert!(colour < 1e-3, "{colour}");
 }
 
 /// Both forms of the code do the same operations: frames differ by what a compiler makes of them at most.
@@ -265,7 +268,7 @@ fn claims_are_those_of_the_cpu() {
     let frame = draw(&mut *r, &data, &surfaces, &view);
     let c = against(&frame, &*r, &surfaces, &view);
     assert_eq!((c.refuted, c.missed + c.false_hits + c.wrong_root + c.wrong_surface), (0, 0));
-    assert!(c.unclaimed <= 2, "{} pixels are not proved", c.unclaimed);
+    assert_eq!(c.unclaimed, 0, "pixels that are not proved");
     let hits = frame
         .claim
         .iter()

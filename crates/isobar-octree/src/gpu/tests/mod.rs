@@ -2,6 +2,7 @@
 
 mod frames;
 mod scenes;
+mod twins;
 
 use isobar_core::{Channels, DVec3, Data, Frame, Grid, Knobs, Renderer, Request, Stage, Stop, Surface, View};
 use isobar_fields::Kind;
