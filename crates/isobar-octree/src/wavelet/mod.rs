@@ -39,6 +39,7 @@ pub mod gpu;
 mod multires;
 mod passes;
 mod pyramid;
+mod ranges;
 mod select;
 pub mod table;
 #[cfg(test)]

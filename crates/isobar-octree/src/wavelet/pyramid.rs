@@ -1,6 +1,8 @@
 //! The decomposition of a volume into levels of wavelet coefficients (S14, S16).
 
+use super::banks::Synthesis;
 use super::blocks::{Blocks, CHUNK, ChunkSet, VOLUME, chunks_of, index_of};
+use super::ranges::Ranges;
 use super::transform::{analyse, low};
 use super::{Bank, Number};
 use glam::{DMat3, DVec3};
@@ -41,7 +43,8 @@ pub struct Node {
     pub hi: DVec3,
     /// Greatest magnitude of the details of the chunk and of all finer chunks inside it.
     pub magnitude: f64,
-    /// Least and greatest coefficient that acts in the box on this level, the next coarser one and all finer ones.
+    /// Bounds of the function wherever a detail of the chunk or of a finer one inside it acts, which is somewhat beyond the box: whatever details of the level and of finer ones are used, as long as those of coarser
+    /// levels that act there are. Rounding of the reconstruction apart.
     pub range: (f64, f64),
 }
 
@@ -73,7 +76,7 @@ impl Pyramid<f32> {
     /// Decomposes a grid of any sample type; arithmetic in f32.
     ///
     /// # Errors
-    /// [`DataError::NotFinite`] where samples are not finite or beyond f32.
+    /// [`DataError::NotFinite`] where samples are not finite, [`DataError::Unknown`] where details, or what a reconstruction with any of them may come to, are beyond f32.
     pub fn new(grid: &Grid, bank: Bank) -> Result<Self, DataError> {
         grid.require_finite()?;
         let samples: Vec<f32> = (0..grid.samples.len()).map(|i| grid.samples.get(i) as f32).collect();
@@ -82,7 +85,46 @@ impl Pyramid<f32> {
             origin: grid.origin,
             direction: grid.direction,
         };
-        Ok(Self::of(grid.dims, &samples, bank, placement))
+        let pyramid = Self::of(grid.dims, &samples, bank, placement);
+        // Written so that NaN, which sums of infinities are, is refused too.
+        if pyramid.reach() < f64::from(f32::MAX) {
+            Ok(pyramid)
+        } else {
+            Err(DataError::Unknown(format!(
+                "details of {bank}, or sums of some of them, are beyond f32: samples come too near to 3.4e38; scale them down"
+            )))
+        }
+    }
+
+    /// A bound of all that reconstructions compute, whatever is selected: the coarsest level, which subdivision does not enlarge, and the details of every level times the most that
+    /// three passes make of them (the low-pass taps of a sample sum to 1).
+    fn reach(&self) -> f64 {
+        let most = |b: &Blocks<f32>| {
+            let finite = |m: f64, v: &f32| {
+                if v.is_finite() {
+                    m.max(f64::from(v.abs()))
+                } else {
+                    f64::INFINITY
+                }
+            };
+            b.data
+                .par_chunks(VOLUME)
+                .map(|c| c.iter().fold(0.0, finite))
+                .reduce(|| 0.0, f64::max)
+        };
+        let high = |(parity, taps): (usize, &Vec<(isize, f64)>)| {
+            let odd = taps.iter().filter(|(o, _)| (parity as isize + o).rem_euclid(2) == 1);
+            odd.map(|(_, w)| w.abs()).sum::<f64>()
+        };
+        let high = Synthesis::<f64>::new(self.bank)
+            .taps
+            .iter()
+            .enumerate()
+            .map(high)
+            .fold(0.0, f64::max);
+        let gain = (1.0 + high).powi(3) - 1.0;
+        let details: f64 = self.levels.iter().map(|l| gain * most(&l.details)).sum();
+        (most(&self.coarsest) + details) * (1.0 + 1e-4)
     }
 
     /// A grid at this pyramid's place with other samples.
@@ -103,8 +145,8 @@ impl<T: Number> Pyramid<T> {
         assert!(dims.iter().all(|&n| n > 0), "no axis is empty");
         let (mut current, mut size) = (values.to_vec(), dims);
         let mut levels = Vec::new();
-        // Coefficients of each level, for the ranges.
-        let mut functions = vec![Blocks::from_rows(size, &current)];
+        // Coefficients of each level but the finest, for the ranges.
+        let mut functions = Vec::new();
         while size.iter().any(|&n| n > CHUNK) {
             let slots = analyse(bank, &current, size);
             let (coarse, coarse_size) = low(&slots, size);
@@ -130,34 +172,25 @@ impl<T: Number> Pyramid<T> {
         pyramid
     }
 
-    /// Fills in magnitudes and ranges, finest level first.
+    /// Fills in magnitudes and ranges, finest level first; `functions` are the coefficients of the next coarser level of each.
     fn measure(&mut self, functions: &[Blocks<T>]) {
-        for l in 0..self.levels.len() {
-            let set = ChunkSet::new(self.levels[l].details.chunks, false);
-            let (own, coarse) = (&functions[l], &functions[l + 1]);
-            let finer = l.checked_sub(1).map(|f| &self.levels[f]);
+        let mut ranges = Ranges::default();
+        for (l, coarse) in functions.iter().enumerate() {
             let level = &self.levels[l];
-            let measured: Vec<(f64, (f64, f64))> = (0..set.members().len())
-                .into_par_iter()
-                .map(|i| {
-                    let chunk = set.chunk(i);
-                    let block = &level.details.data[i * VOLUME..][..VOLUME];
-                    let mut magnitude = block.iter().fold(0.0f64, |m, v| m.max(v.to_f64().abs()));
-                    let mut range = hull(
-                        range_of(own, chunk.map(|c| c * CHUNK), CHUNK),
-                        range_of(coarse, chunk.map(|c| c * CHUNK / 2), CHUNK / 2),
-                    );
-                    if let Some(finer) = finer {
-                        for child in children(chunk, finer.details.chunks) {
-                            let j = index_of(finer.details.chunks, child);
-                            magnitude = magnitude.max(finer.magnitudes[j]);
-                            range = hull(range, finer.ranges[j]);
-                        }
-                    }
-                    (magnitude, range)
+            let set = ChunkSet::new(level.details.chunks, false);
+            let finer = l.checked_sub(1).map(|f| &self.levels[f]);
+            let magnitude = |i: usize| {
+                let block = &level.details.data[i * VOLUME..][..VOLUME];
+                let own = block.iter().fold(0.0f64, |m, v| m.max(v.to_f64().abs()));
+                finer.map_or(own, |finer| {
+                    children(set.chunk(i), finer.details.chunks)
+                        .map(|child| finer.magnitudes[index_of(finer.details.chunks, child)])
+                        .fold(own, f64::max)
                 })
-                .collect();
-            (self.levels[l].magnitudes, self.levels[l].ranges) = measured.into_iter().unzip();
+            };
+            let magnitudes = (0..set.members().len()).into_par_iter().map(magnitude).collect();
+            let ranges = ranges.level(self.bank, &level.details, coarse);
+            (self.levels[l].magnitudes, self.levels[l].ranges) = (magnitudes, ranges);
         }
     }
 
@@ -246,7 +279,7 @@ impl<T: Number> Pyramid<T> {
 
     /// The pyramid with only the `count` coefficients of greatest magnitude (S15, Figure 4.5: compression), ties all kept, and the number kept. The
     /// coarsest level is always kept. With `weighted` a magnitude counts 2^(3 level / 2) times, its wavelet's norm, as least squares would have it were
-    /// the wavelets orthogonal; the thesis does not weight.
+    /// the wavelets orthogonal; the thesis does not weight. [`Node::range`] stays that of all coefficients.
     #[must_use]
     pub fn keep_largest(&self, count: usize, weighted: bool) -> (Self, usize) {
         let weight = |level: usize| if weighted { 2f64.powf(1.5 * level as f64) } else { 1.0 };
@@ -299,24 +332,4 @@ fn children(chunk: [usize; 3], finer: [usize; 3]) -> impl Iterator<Item = [usize
         let child = [2 * chunk[0] + i % 2, 2 * chunk[1] + i / 2 % 2, 2 * chunk[2] + i / 4];
         (0..3).all(|a| child[a] < finer[a]).then_some(child)
     })
-}
-
-fn hull(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
-    (a.0.min(b.0), a.1.max(b.1))
-}
-
-/// Least and greatest coefficient that acts on the pieces of the box of `size` samples from `first` on.
-fn range_of<T: Number>(values: &Blocks<T>, first: [usize; 3], size: usize) -> (f64, f64) {
-    // Stencils of degrees 1 to 3 reach at most 1 below and 2 above a piece.
-    let span = |a: usize| first[a].saturating_sub(1).min(values.dims[a] - 1)..=(first[a] + size + 1).min(values.dims[a] - 1);
-    let mut range = (f64::INFINITY, f64::NEG_INFINITY);
-    for z in span(2) {
-        for y in span(1) {
-            for x in span(0) {
-                let v = values.data[values.at([x, y, z])].to_f64();
-                range = (range.0.min(v), range.1.max(v));
-            }
-        }
-    }
-    range
 }

@@ -14,7 +14,8 @@ pub struct Criteria {
     pub view: Option<(DVec3, f64)>,
     /// Collapsed where all details of the node and of the finer nodes inside it are below this.
     pub magnitude: Option<f64>,
-    /// Collapsed where no isovalue lies in [`Node::range`]: no level has a surface in the node.
+    /// Collapsed where no isovalue lies in [`Node::range`]: where a detail of the node or of a finer one inside it acts, neither the function nor what is left of it without any of these details has a
+    /// surface. So isovalues alone change no surface, rounding apart.
     pub isovalues: Option<Vec<f64>>,
 }
 

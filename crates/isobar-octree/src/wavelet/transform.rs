@@ -1,9 +1,8 @@
 //! One level of the transform on a whole lattice: rows of weights per axis, out of place. The decomposition uses it; the chunked reconstruction is
 //! tested against its synthesis.
 
-#[cfg(test)]
-use super::banks::Synthesis;
-use super::banks::{Bank, Number};
+use super::banks::{Bank, Number, Synthesis};
+use super::blocks::CHUNK;
 use rayon::prelude::*;
 
 /// For every output of a line, the inputs and their weights.
@@ -32,8 +31,41 @@ pub(super) fn analysis_rows<T: Number>(bank: Bank, n: usize) -> Rows<T> {
         .collect()
 }
 
+/// How far samples may move up and down: of the samples that the details of each chunk alone make, the sums of those above and of those below 0.
+pub(super) fn movements(bank: Bank, slots: &[f32], dims: [usize; 3]) -> [Vec<f32>; 2] {
+    let mut out = [vec![0.0; slots.len()], vec![0.0; slots.len()]];
+    move_by(bank, slots, dims, 2, &mut out);
+    out
+}
+
+fn move_by(bank: Bank, slots: &[f32], dims: [usize; 3], axis: usize, out: &mut [Vec<f32>; 2]) {
+    let (n, stride) = (dims[axis], dims[..axis].iter().product::<usize>());
+    let rows = synthesis_rows::<f32>(bank, n);
+    // Chunks so far apart reach no common sample: details reach 5 samples in psi4,4, which makes 18 of a chunk, and at most 4 in the others.
+    let apart = if bank == Bank::Psi44 { 3 } else { 2 };
+    for colour in 0..apart.min(n.div_ceil(CHUNK)) {
+        let mut part = slots.to_vec();
+        part.par_chunks_mut(stride).enumerate().for_each(|(i, v)| {
+            if i % n / CHUNK % apart != colour {
+                v.fill(0.0);
+            }
+        });
+        if n > 1 {
+            part = along(&rows, &part, dims, axis);
+        }
+        if axis > 0 {
+            move_by(bank, &part, dims, axis - 1, out);
+        } else {
+            let [up, down] = out;
+            for ((v, up), down) in part.iter().zip(up).zip(down) {
+                *up += v.max(0.0);
+                *down += v.min(0.0);
+            }
+        }
+    }
+}
+
 /// Slots to samples.
-#[cfg(test)]
 pub(super) fn synthesis_rows<T: Number>(bank: Bank, n: usize) -> Rows<T> {
     let (taps, mirror) = (Synthesis::<T>::new(bank), bank.mirror());
     let minus = T::dyadic(-1, 0);
@@ -89,7 +121,6 @@ pub(super) fn analyse<T: Number>(bank: Bank, values: &[T], dims: [usize; 3]) -> 
 }
 
 /// Its inverse: slots to samples along z, y and x.
-#[cfg(test)]
 pub(super) fn synthesise<T: Number>(bank: Bank, slots: &[T], dims: [usize; 3]) -> Vec<T> {
     let mut values = slots.to_vec();
     for axis in [2, 1, 0] {

@@ -150,11 +150,21 @@ fn all_details_are_drawn_as_the_volume_itself() {
     }
 }
 
-/// Less than a chunk, one sample more than chunks, axes of two samples: at full resolution the volume itself, bit by bit but for rounding; over levels whatever they are, without a panic.
+/// Less than a chunk, one sample more than chunks, axes of two samples: at full resolution the volume itself, bit by bit but for rounding; over levels the one spline, but near the faces that [`reach`] tells.
 #[test]
 fn sizes_that_chunks_do_not_divide() {
     for bank in BANKS {
-        for dims in [[2, 2, 2], [3, 9, 2], [9, 8, 17], [16, 25, 7], [2, 40, 3]] {
+        // Pixels that agree over levels, in all.
+        let mut agree = 0;
+        for dims in [
+            [2, 2, 2],
+            [3, 9, 2],
+            [9, 8, 17],
+            [16, 25, 7],
+            [2, 40, 3],
+            [27, 41, 30],
+            [38, 23, 51],
+        ] {
             let grid = wavy(dims, DVec3::ONE);
             let view = View::fit(grid.domain().world_bounds(), 40.0, 80, 60);
             let (levels, one, _) = pictures(&grid, bank, |p| Selection::whole(p, true), &view);
@@ -163,9 +173,18 @@ fn sizes_that_chunks_do_not_divide() {
             for coarser in [0, 1] {
                 let select = |p: &Pyramid| Selection::by(p, |n| n.level > coarser || n.chunk[1] == 0);
                 let (levels, one, drawn) = pictures(&grid, bank, select, &view);
-                compare(&grid, &view, &levels, &one, reach(&drawn, bank.0.degree()));
+                let reach = reach(&drawn, bank.0.degree());
+                let (same, _) = compare(&grid, &view, &levels, &one, reach);
+                // On short axes every point is near a face; on long ones most are not, and have to agree.
+                let long = (0..3).all(|a| reach[a][0] + reach[a][1] < 0.3 * dims[a] as f64);
+                if long && dims.iter().all(|n| *n > 20) {
+                    assert!(drawn.levels().count() > 1, "{} {dims:?} {coarser}", bank.0);
+                    assert!(same > 200, "{} {dims:?} {coarser}: {same}", bank.0);
+                    agree += same;
+                }
             }
         }
+        assert!(agree > 1000, "{}: {agree}", bank.0);
     }
 }
 
@@ -256,22 +275,88 @@ fn what_cannot_be_drawn_is_refused_in_words() {
     assert_eq!(levels.render(&view, &stop).unwrap_err(), RenderError::Stopped);
 }
 
+/// hardcases B17: cells a million times as wide as high are hit by the rays that hit the cubes they are the image of, and at the same place.
 #[test]
 fn flat_cells_are_drawn() {
-    // A million to one.
-    let grid = wavy([33, 33, 17], DVec3::new(1.0, 1.0, 1e-6));
+    let flat = DVec3::new(1.0, 1.0, 1e-6);
     let view = View::perspective(
-        DVec3::new(15.0, 20.0, 1e-3),
+        DVec3::new(15.0, 20.0, 40.0),
         DVec3::new(15.0, 18.0, 0.5),
         DVec3::Y,
         60.0,
         64,
         48,
     );
-    let (levels, one, _) = pictures(&grid, (Bank::Psi42, Kind::Cubic), stepped, &view);
-    let hits = |f: &Frame| f.t.iter().filter(|t| t.is_finite()).count();
-    let (a, b) = (hits(&levels), hits(&one));
-    assert!(b > 300 && a.abs_diff(b) * 20 < b, "{a} {b}");
+    let rays: Vec<_> = (0..view.pixels()).map(|i| view.ray(i % 64, i / 64)).collect();
+    let pressed = rays.iter().map(|r| isobar_core::Ray {
+        origin: r.origin * flat,
+        direction: (r.direction * flat).normalize(),
+    });
+    let pressed: Vec<_> = pressed.collect();
+    let wide = wavy([33, 33, 17], DVec3::ONE);
+    for bank in BANKS {
+        let of = |spacing: DVec3, rays: &[isobar_core::Ray]| {
+            let grid = Grid::new(wide.dims, spacing, DVec3::ZERO, DMat3::IDENTITY, wide.samples.clone()).unwrap();
+            pictures(&grid, bank, stepped, &View::rays(rays.to_vec())).0
+        };
+        let (cubes, levels) = (of(DVec3::ONE, &rays), of(flat, &pressed));
+        let (mut hits, mut worst) = (0, 0.0f64);
+        for (i, ray) in rays.iter().enumerate() {
+            // Along the ray of the cubes.
+            let t = levels.t[i] / (ray.direction * flat).length();
+            assert_eq!(t.is_finite(), cubes.t[i].is_finite(), "{} ray {i}", bank.0);
+            if t.is_finite() {
+                hits += 1;
+                worst = worst.max((t - cubes.t[i]).abs());
+            }
+        }
+        println!("{}: {hits} hits, {worst:e}", bank.0);
+        // Seen: 1.1e-4, of a ray that grazes the surface in degree 2.
+        assert!(hits > 300 && worst < 2e-4, "{}: {hits} hits, {worst:e} apart", bank.0);
+    }
+}
+
+/// A noisy step: selecting by isovalue changes no pixel, although coarse levels alone, without the wavelets of neighbours, have the surface elsewhere.
+#[test]
+fn selection_by_isovalue_changes_no_pixel() {
+    let dims = [50usize, 37, 41];
+    let mut random = Random(0x0123_4567);
+    let samples: Vec<f32> = (0..dims.iter().product())
+        .map(|i: usize| {
+            let p = DVec3::new(
+                (i % dims[0]) as f64,
+                (i / dims[0] % dims[1]) as f64,
+                (i / (dims[0] * dims[1])) as f64,
+            );
+            let inside = if p.distance(DVec3::splat(20.0)) < 12.0 { 1.0 } else { 0.0 };
+            (inside + 0.05 * random.next()) as f32
+        })
+        .collect();
+    let noisy = Grid::unit(dims, Samples::F32(samples.into())).unwrap();
+    for grid in [noisy, wavy([50, 37, 41], DVec3::ONE)] {
+        let view = View::fit(grid.domain().world_bounds(), 40.0, 160, 120);
+        for bank in Bank::ALL {
+            let pyramid = Arc::new(Pyramid::new(&grid, bank).unwrap());
+            let criteria = Criteria {
+                isovalues: Some(vec![0.5]),
+                ..Criteria::default()
+            };
+            let frame = |selection: &Selection| {
+                let mut levels = Multiresolution::new(pyramid.clone(), CHANNELS, 2).unwrap();
+                levels.set_surfaces(&[Surface::isovalue(0.5, 0)]).unwrap();
+                levels.select(selection).unwrap();
+                levels.render(&view, &Stop::default()).unwrap();
+                levels.frame().clone()
+            };
+            let (some, all) = (Selection::new(&pyramid, &criteria), Selection::whole(&pyramid, true));
+            let (a, b) = (frame(&some), frame(&all));
+            let far = |(x, y): (&f64, &f64)| x.is_finite() != y.is_finite() || (x.is_finite() && (x - y).abs() >= 1e-4);
+            let changed = a.t.iter().zip(&b.t).filter(|p| far(*p)).count();
+            println!("{bank}: {} of {} chunks, {changed} pixels", some.count(), all.count());
+            assert_eq!(changed, 0, "{bank}: {} of {} chunks", some.count(), all.count());
+            assert!(b.t.iter().filter(|t| t.is_finite()).count() > 1000);
+        }
+    }
 }
 
 /// What a frame draws does not depend on what was selected before: lattices that are kept are those that would be made.

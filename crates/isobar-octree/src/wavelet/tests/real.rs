@@ -1,6 +1,7 @@
 //! The pyramid in f32: sizes, selections, rounding, compression.
 
 use super::noise;
+use super::rays::Random;
 use crate::wavelet::blocks::{Blocks, chunks_of};
 use crate::wavelet::table::{epsilon_for, parts};
 use crate::wavelet::{Adaptive, Bank, Criteria, Extent, Placement, Pyramid, Selection};
@@ -96,7 +97,7 @@ fn views_open_what_is_near() {
 fn isovalues_and_magnitudes_leave_out_what_does_not_matter() {
     let p = Arc::new(Pyramid::new(&ball(), Bank::Psi42).unwrap());
     let isovalues = Criteria {
-        isovalues: Some(vec![0.0]),
+        isovalues: Some(vec![3.0]),
         ..Criteria::default()
     };
     let selection = Selection::new(&p, &isovalues);
@@ -105,7 +106,7 @@ fn isovalues_and_magnitudes_leave_out_what_does_not_matter() {
     let mut adaptive = Adaptive::new(p.clone());
     adaptive.update(&selection, Extent::Drawn);
     let out = adaptive.grid().unwrap();
-    let near = |i: usize| ball().samples.get(i).abs() < 1.0;
+    let near = |i: usize| (ball().samples.get(i) - 3.0).abs() < 1.0;
     let worst = (0..32768)
         .step_by(5)
         .filter(|&i| near(i))
@@ -237,4 +238,34 @@ fn small_thin_and_broken_volumes() {
     let p = Arc::new(Pyramid::new(&flat, Bank::Psi33).unwrap());
     let mut a = Adaptive::new(p);
     assert!(a.coefficients().iter().all(|&v| v == 7.0));
+}
+
+/// Samples that f32 holds and whose details, or sums of these, it does not.
+#[test]
+fn details_beyond_f32_are_refused() {
+    let mut random = Random(99);
+    let mut grid = |most: f32| {
+        let samples: Vec<f32> = (0..8000).map(|_| if random.next() < 0.5 { -most } else { most }).collect();
+        Grid::unit([20; 3], Samples::F32(samples.into())).unwrap()
+    };
+    for bank in Bank::ALL {
+        let e = Pyramid::new(&grid(3e38), bank).unwrap_err();
+        assert!(e.to_string().contains("scale them down"), "{bank}: {e}");
+        // What is not refused is finite whatever is used of it.
+        let mut taken = 0;
+        for exponent in 30..=38 {
+            let Ok(p) = Pyramid::new(&grid(10f32.powi(exponent)), bank) else {
+                continue;
+            };
+            taken += 1;
+            let p = Arc::new(p);
+            for odd in [0, 1] {
+                let some = Selection::by(&p, |n| n.level > 0 || (n.chunk[0] + n.chunk[1] + n.chunk[2]) % 2 == odd);
+                let mut adaptive = Adaptive::new(p.clone());
+                adaptive.update(&some, Extent::Whole);
+                assert!(adaptive.coefficients().iter().all(|v| v.is_finite()), "{bank} 1e{exponent}");
+            }
+        }
+        assert!(taken >= 5, "{bank}: {taken}");
+    }
 }
