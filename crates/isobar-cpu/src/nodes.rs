@@ -3,8 +3,9 @@
 //! The digital differential analyser of Amanatides and Woo (1987) on three sizes, each of which ends at planes of the next ([`Line::plane`]). Whether anything is in the 4^3 bricks of a node is
 //! one load, and so it is for the cells of a brick: the words of either have 64 bits.
 
+use crate::Level;
 use crate::index::{Bounds, Line};
-use crate::packet::three;
+use crate::packet::{Lanes, WithLanes, run, three};
 use rayon::prelude::*;
 
 /// Cells of a brick, and bricks of a node, per axis: the word of either has 4^3 = 64 bits, x fastest.
@@ -65,21 +66,21 @@ impl Nodes {
         } = old.unwrap_or_default();
         words.clear();
         words.resize(dims.iter().product(), 0u64);
+        let level = Level::detect();
         words.par_chunks_mut(dims[0] * dims[1]).enumerate().for_each(|(z, layer)| {
-            for k in z * SIDE..(z * SIDE + SIDE).min(bricks.dims[2]) {
-                for j in 0..bricks.dims[1] {
-                    let row = &bricks.range[(k * bricks.dims[1] + j) * bricks.dims[0]..][..bricks.dims[0]];
-                    let word = &mut layer[j / SIDE * dims[0]..][..dims[0]];
-                    for (i, &[lo, hi]) in row.iter().enumerate() {
-                        let (lo, hi) = (lo.into(), hi.into());
-                        let on = bounds.iter().any(|b| b.meets(lo, hi));
-                        word[i / SIDE] |= u64::from(on) << bit([i as i32, j as i32, k as i32]);
-                    }
-                }
-            }
+            run(
+                level,
+                Scan {
+                    bricks,
+                    bounds,
+                    z,
+                    layer,
+                },
+            );
         });
         let mut count = 0u32;
         before.clear();
+        before.reserve_exact(words.len());
         before.extend(words.iter().map(|w| {
             let at = count;
             count += w.count_ones();
@@ -117,6 +118,75 @@ impl Nodes {
         let below = self.words[w] & ((1u64 << b) - 1);
         (self.before[w] + below.count_ones()) as usize
     }
+}
+
+/// Numbers of a vector that hold the ranges of four bricks, the bricks of a node along x.
+const ROW: usize = 2 * SIDE;
+
+/// One layer of nodes: which of their bricks meet an isovalue.
+struct Scan<'a, T> {
+    bricks: &'a Ranges<T>,
+    bounds: &'a [Bounds],
+    /// Its number.
+    z: usize,
+    layer: &'a mut [u64],
+}
+
+impl<T: Copy + Into<f64>> WithLanes for Scan<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes>(self) {
+        let [nx, ny, nz] = self.bricks.dims;
+        let nodes = nx.div_ceil(SIDE);
+        let (z0, z1) = (self.z * SIDE, (self.z * SIDE + SIDE).min(nz));
+        for (node, word) in self.layer.iter_mut().enumerate() {
+            let (x, y0) = (node % nodes * SIDE, node / nodes * SIDE);
+            let wide = (nx - x).min(SIDE);
+            let inside = (1u8 << wide) - 1;
+            let mut all = 0;
+            for k in z0..z1 {
+                for j in y0..(y0 + SIDE).min(ny) {
+                    let at = (k * ny + j) * nx + x;
+                    let row = S::load(&ranges(&self.bricks.range[at..at + wide]));
+                    let mut on = 0;
+                    for b in self.bounds {
+                        on |= met(row, b);
+                    }
+                    all |= u64::from(on & inside) << ((k & 3) << 4 | (j & 3) << 2);
+                }
+            }
+            *word = all;
+        }
+    }
+}
+
+/// The ranges of up to four bricks in a row; others are zero.
+#[inline(always)]
+fn ranges<T: Copy + Into<f64>>(row: &[[T; 2]]) -> [f64; ROW] {
+    if let Some(&[[a, b], [c, d], [e, f], [g, h]]) = row.first_chunk::<SIDE>() {
+        return [a.into(), b.into(), c.into(), d.into(), e.into(), f.into(), g.into(), h.into()];
+    }
+    let mut out = [0.0; ROW];
+    for (i, &[lo, hi]) in row.iter().enumerate() {
+        out[2 * i] = lo.into();
+        out[2 * i + 1] = hi.into();
+    }
+    out
+}
+
+/// Of four ranges, least and greatest in turn, those that [meet](Bounds::meets) an isovalue.
+#[inline(always)]
+fn met<S: Lanes>(row: S, bounds: &Bounds) -> u8 {
+    const ALL: f64 = f64::INFINITY;
+    let (lo, hi) = bounds.ends();
+    // The least must not be above the one, the greatest not below the other; the other half of either vector tells nothing.
+    let beyond = row.above(S::load(&[hi, ALL, hi, ALL, hi, ALL, hi, ALL]));
+    let below = S::load(&[-ALL, lo, -ALL, lo, -ALL, lo, -ALL, lo]).above(row);
+    let out = beyond | below;
+    let pairs = !(out | out >> 1) & 0x55;
+    let fours = (pairs | pairs >> 1) & 0x33;
+    (fours | fours >> 2) & 0xf
 }
 
 /// What a method does on the way of a ray; `W` is what it keeps of that ray.
@@ -238,3 +308,66 @@ impl<const HALVES: bool> Line<HALVES> {
 }
 
 const _: () = assert!(SIDE == 4, "words of 64 bits, indices shifted by 2 and 4");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Bits are those of [`Bounds::meets`], by all instruction sets, where sizes divide nothing and at the bounds themselves; also in memory that held others.
+    #[test]
+    fn bricks_that_meet_an_isovalue_are_found() {
+        let mut s = 7u32;
+        let mut next = || {
+            s = s.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (s >> 24) as u8
+        };
+        let bounds = [Bounds::new(40.0, 0.0, (0.0, 255.0)), Bounds::new(200.0, 1e-2, (0.0, 255.0))];
+        let mut old = None;
+        for dims in [[1, 1, 1], [4, 4, 4], [9, 5, 3], [7, 8, 13], [3, 2, 1]] {
+            let range: Vec<[u8; 2]> = (0..dims.iter().product())
+                .map(|_| {
+                    let (a, b) = (next(), next() >> 2);
+                    [a, a.saturating_add(b)]
+                })
+                .collect();
+            let bricks = Ranges { dims, range };
+            let want = |at: [usize; 3]| {
+                let [lo, hi] = bricks.range[(at[2] * dims[1] + at[1]) * dims[0] + at[0]].map(f64::from);
+                bounds.iter().any(|b| b.meets(lo, hi))
+            };
+            let nodes = Nodes::new(&bricks, &bounds, old.take());
+            let mut count = 0;
+            for (w, &word) in nodes.words.iter().enumerate() {
+                let node = [
+                    w % nodes.dims[0],
+                    w / nodes.dims[0] % nodes.dims[1],
+                    w / (nodes.dims[0] * nodes.dims[1]),
+                ];
+                for b in 0..64u32 {
+                    let at = three(|a| node[a] * SIDE + (b as usize >> (2 * a) & 3));
+                    let inside = (0..3).all(|a| at[a] < dims[a]);
+                    let on = word >> b & 1 == 1;
+                    assert_eq!(on, inside && want(at), "{at:?} of {dims:?}");
+                    if on {
+                        assert_eq!(nodes.brick(w, b), count);
+                        count += 1;
+                    }
+                }
+                let (z, layer) = (node[2], nodes.dims[0] * nodes.dims[1]);
+                for level in Level::ALL {
+                    let mut again = vec![!0; layer];
+                    let scan = Scan {
+                        bricks: &bricks,
+                        bounds: &bounds,
+                        z,
+                        layer: &mut again,
+                    };
+                    run(level, scan);
+                    assert_eq!(again, nodes.words[z * layer..][..layer], "{level}");
+                }
+            }
+            assert_eq!(nodes.count(), count);
+            old = Some(nodes);
+        }
+    }
+}

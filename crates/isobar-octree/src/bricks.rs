@@ -8,12 +8,11 @@
 use crate::walk::{Bounds, three};
 use isobar_core::Samples;
 use isobar_cpu::Level;
+use isobar_cpu::nodes::{Nodes, Ranges};
+pub(crate) use isobar_cpu::nodes::{SIDE, bit};
 use isobar_cpu::packet::{Lanes, WithLanes, run as lanes};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Cells of a brick, and bricks of a node, per axis: the word of either has 4^3 = 64 bits, x fastest.
-pub(crate) const SIDE: usize = 4;
 
 /// Samples a volume may have.
 pub(crate) trait Sample: Copy + PartialOrd + Into<f64> + Send + Sync + 'static {}
@@ -52,147 +51,107 @@ macro_rules! values {
 }
 pub(crate) use values;
 
-/// Bit of cell or brick (x, y, z) in its word; only the lowest two bits of each count.
-#[inline(always)]
-pub(crate) fn bit([x, y, z]: [i32; 3]) -> u32 {
-    ((z & 3) << 4 | (y & 3) << 2 | (x & 3)) as u32
-}
-
-/// The range of every brick; depends on the data alone.
-#[derive(Debug)]
-pub(crate) struct Bricks<T> {
-    /// Bricks per axis.
-    pub(crate) dims: [usize; 3],
-    range: Vec<[T; 2]>,
-}
-
-impl<T: Sample> Bricks<T> {
-    /// For samples of `dims`, each at least 2.
-    pub(crate) fn new(samples: &[T], dims: [usize; 3]) -> Self {
-        let bricks = dims.map(|n| (n - 1).div_ceil(SIDE));
-        let mut range = vec![[samples[0]; 2]; bricks.iter().product()];
-        range.par_chunks_mut(bricks[0]).enumerate().for_each(|(row, out)| {
-            let lo = [0, row % bricks[1] * SIDE, row / bricks[1] * SIDE];
-            let hi = lo.map(|l| l + SIDE);
-            for (i, o) in out.iter_mut().enumerate() {
-                let x = [i * SIDE, (i * SIDE + SIDE).min(dims[0] - 1)];
-                let first = samples[(lo[2] * dims[1] + lo[1]) * dims[0] + x[0]];
-                let (mut least, mut greatest) = (first, first);
-                for z in lo[2]..=hi[2].min(dims[2] - 1) {
-                    for y in lo[1]..=hi[1].min(dims[1] - 1) {
-                        let start = (z * dims[1] + y) * dims[0];
-                        for &v in &samples[start + x[0]..=start + x[1]] {
-                            least = if v < least { v } else { least };
-                            greatest = if v > greatest { v } else { greatest };
-                        }
+/// The range of the samples of every brick, for samples of `dims`, each at least 2.
+pub(crate) fn ranges<T: Sample>(samples: &[T], dims: [usize; 3]) -> Ranges<T> {
+    let bricks = dims.map(|n| (n - 1).div_ceil(SIDE));
+    let mut range = vec![[samples[0]; 2]; bricks.iter().product()];
+    range.par_chunks_mut(bricks[0]).enumerate().for_each(|(row, out)| {
+        let lo = [0, row % bricks[1] * SIDE, row / bricks[1] * SIDE];
+        let hi = lo.map(|l| l + SIDE);
+        for (i, o) in out.iter_mut().enumerate() {
+            let x = [i * SIDE, (i * SIDE + SIDE).min(dims[0] - 1)];
+            let first = samples[(lo[2] * dims[1] + lo[1]) * dims[0] + x[0]];
+            let (mut least, mut greatest) = (first, first);
+            for z in lo[2]..=hi[2].min(dims[2] - 1) {
+                for y in lo[1]..=hi[1].min(dims[1] - 1) {
+                    let start = (z * dims[1] + y) * dims[0];
+                    for &v in &samples[start + x[0]..=start + x[1]] {
+                        least = if v < least { v } else { least };
+                        greatest = if v > greatest { v } else { greatest };
                     }
                 }
-                *o = [least, greatest];
             }
-        });
-        Self { dims: bricks, range }
-    }
+            *o = [least, greatest];
+        }
+    });
+    Ranges { dims: bricks, range }
+}
 
-    /// Bytes held.
-    pub(crate) fn bytes(&self) -> usize {
-        size_of_val(self.range.as_slice())
-    }
-
-    /// Least and greatest sample of all.
-    pub(crate) fn whole(&self) -> (f64, f64) {
-        self.range
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &[lo, hi]| {
-                (a.min(lo.into()), b.max(hi.into()))
-            })
-    }
+/// Bytes beside `ranges` that an index may take: with these a tenth of the data, and of small data a tenth of 64 MiB.
+pub(crate) fn room(data: usize, ranges: usize) -> usize {
+    (data.max(64 << 20) / 10).saturating_sub(ranges)
 }
 
 /// Bricks, and later cells, that the isovalues can meet; made anew when these change, in time linear in the number of bricks.
 #[derive(Debug)]
 pub(crate) struct Active {
-    /// Words per axis.
-    pub(crate) dims: [usize; 3],
-    /// Bit b of word w: brick b of node w may hold a surface.
-    pub(crate) words: Vec<u64>,
-    /// Active bricks before each word: where its bricks' cells are.
-    before: Vec<u32>,
-    /// Per active brick: its active cells, and [`UNKNOWN`] until a ray comes by.
+    pub(crate) nodes: Nodes,
+    /// Of each active brick, as far as memory goes, its active cells, and [`UNKNOWN`] until a ray comes by. Those of other bricks are worked out whenever a packet or a ray comes.
     cells: Vec<AtomicU64>,
     /// Instructions these are worked out with; the same at every level.
     level: Level,
 }
 
-/// The word of a brick that no ray has entered yet. No active brick has this word afterwards: between a sample on one side of the isovalue and one
+/// The word of a brick that no ray has entered yet. In degree 1 no active brick has this word afterwards: between a sample on one side of the isovalue and one
 /// on the other there is an edge that crosses it, and with it an active cell.
-const UNKNOWN: u64 = 0;
+pub(crate) const UNKNOWN: u64 = 0;
 
 impl Active {
-    pub(crate) fn new<T: Sample>(bricks: &Bricks<T>, bounds: &[Bounds]) -> Self {
-        let dims = bricks.dims.map(|n| n.div_ceil(SIDE));
-        let mut words = vec![0u64; dims.iter().product()];
-        words.par_chunks_mut(dims[0] * dims[1]).enumerate().for_each(|(z, layer)| {
-            for k in z * SIDE..(z * SIDE + SIDE).min(bricks.dims[2]) {
-                for j in 0..bricks.dims[1] {
-                    let row = &bricks.range[(k * bricks.dims[1] + j) * bricks.dims[0]..][..bricks.dims[0]];
-                    let word = &mut layer[j / SIDE * dims[0]..][..dims[0]];
-                    for (i, &[lo, hi]) in row.iter().enumerate() {
-                        let (lo, hi) = (lo.into(), hi.into());
-                        let on = bounds.iter().any(|b| b.meets(lo, hi));
-                        word[i / SIDE] |= u64::from(on) << bit([i as i32, j as i32, k as i32]);
-                    }
-                }
-            }
-        });
-        let mut count = 0u32;
-        let before = words
-            .iter()
-            .map(|w| {
-                let at = count;
-                count += w.count_ones();
-                at
-            })
-            .collect();
-        let cells = (0..count).map(|_| AtomicU64::new(UNKNOWN)).collect();
+    /// `room`: the bytes it may take, as far as nodes leave any; `old`: others of the same volume, whose memory is used.
+    pub(crate) fn new<T: Sample>(bricks: &Ranges<T>, bounds: &[Bounds], room: usize, old: Option<Self>) -> Self {
+        let (nodes, mut cells) = old.map_or((None, Vec::new()), |a| (Some(a.nodes), a.cells));
+        let nodes = Nodes::new(bricks, bounds, nodes);
+        let kept = nodes.count().min(room.saturating_sub(nodes.bytes()) / size_of::<AtomicU64>());
+        if kept < cells.capacity() / 2 {
+            // Far more than is needed: given back.
+            cells = Vec::new();
+        }
+        cells.truncate(kept);
+        cells.iter_mut().for_each(|c| *c.get_mut() = UNKNOWN);
+        cells.reserve_exact(kept - cells.len());
+        cells.resize_with(kept, || AtomicU64::new(UNKNOWN));
         Self {
-            dims,
-            words,
-            before,
+            nodes,
             cells,
             level: Level::detect(),
         }
     }
 
-    /// The word of the node with these indices.
-    #[inline(always)]
-    pub(crate) fn word_of(&self, node: [i32; 3]) -> usize {
-        (node[2] as usize * self.dims[1] + node[1] as usize) * self.dims[0] + node[0] as usize
-    }
-
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        self.words.len() * 12 + self.cells.len() * 8
+        self.nodes.bytes() + self.cells.capacity() * size_of::<AtomicU64>()
     }
 
-    /// Active bricks.
-    pub(crate) fn count(&self) -> usize {
-        self.cells.len()
-    }
-
-    /// The active cells of brick `at` (bit `b` of word `w`, which is set).
+    /// The active cells of the brick with bit `b` of word `w`, which is set; `make` works them out.
     #[inline(always)]
-    pub(crate) fn cells(&self, w: usize, b: u32, at: [i32; 3], samples: Values<'_>, dims: [usize; 3], bounds: &[Bounds]) -> u64 {
-        let below = self.words[w] & ((1u64 << b) - 1);
-        let slot = &self.cells[(self.before[w] + below.count_ones()) as usize];
+    pub(crate) fn known(&self, w: usize, b: u32, make: impl FnOnce() -> u64) -> u64 {
+        let Some(slot) = self.cells.get(self.nodes.brick(w, b)) else {
+            return make();
+        };
         match slot.load(Ordering::Relaxed) {
             UNKNOWN => {
-                let mask = active_cells_of(self.level, at, samples, dims, bounds);
+                let mask = make();
                 // Every thread would store the same word.
                 slot.store(mask, Ordering::Relaxed);
                 mask
             }
             mask => mask,
         }
+    }
+
+    /// Takes back an active cell of a brick that has been worked out, where its word is kept; gives those left.
+    #[inline(always)]
+    pub(crate) fn take_back(&self, w: usize, b: u32, cell: u32) -> u64 {
+        let rest = !(1u64 << cell);
+        self.cells
+            .get(self.nodes.brick(w, b))
+            .map_or(rest, |slot| slot.fetch_and(rest, Ordering::Relaxed) & rest)
+    }
+
+    /// The active cells of brick `at` (bit `b` of word `w`, which is set).
+    #[inline(always)]
+    pub(crate) fn cells(&self, w: usize, b: u32, at: [i32; 3], samples: Values<'_>, dims: [usize; 3], bounds: &[Bounds]) -> u64 {
+        self.known(w, b, || active_cells_of(self.level, at, samples, dims, bounds))
     }
 }
 
@@ -294,9 +253,9 @@ mod tests {
     fn activity_is_that_of_the_samples() {
         for dims in [[2, 2, 2], [5, 9, 17], [18, 3, 6]] {
             let s = volume(dims);
-            let bricks = Bricks::new(&s, dims);
+            let bricks = ranges(&s, dims);
             let bounds = [Bounds::new(100.0, 0.0, (0.0, 256.0)), Bounds::new(253.0, 0.0, (0.0, 256.0))];
-            let active = Active::new(&bricks, &bounds);
+            let active = Active::new(&bricks, &bounds, usize::MAX, None);
             let mut count = 0;
             for z in 0..dims[2] - 1 {
                 for y in 0..dims[1] - 1 {
@@ -308,9 +267,8 @@ mod tests {
                         let want = bounds.iter().any(|b| b.meets(lo, hi));
                         let cell = [x as i32, y as i32, z as i32];
                         let brick = cell.map(|c| c >> 2);
-                        let w = ((brick[2] >> 2) as usize * active.dims[1] + (brick[1] >> 2) as usize) * active.dims[0]
-                            + (brick[0] >> 2) as usize;
-                        let on = active.words[w] >> bit(brick) & 1 == 1;
+                        let w = active.nodes.word_of(brick.map(|b| b >> 2));
+                        let on = active.nodes.words[w] >> bit(brick) & 1 == 1;
                         assert!(on || !want, "an active cell in a brick that is not");
                         if on {
                             let mask = active.cells(w, bit(brick), brick, Values::F32(&s), dims, &bounds);
@@ -325,6 +283,43 @@ mod tests {
                 }
             }
             assert!(count > 0, "{dims:?} has active cells");
+        }
+    }
+
+    /// Where memory holds the words of some bricks only, or of none, cells are the same; words in memory that held others are too.
+    #[test]
+    fn words_that_are_not_kept_are_worked_out_again() {
+        let dims = [22, 19, 17];
+        let s = volume(dims);
+        let bricks = ranges(&s, dims);
+        let bounds = |c: f64| [Bounds::new(c, 0.0, (0.0, 256.0))];
+        let values = Values::F32(&s);
+        let mut old = [None, None, None];
+        for c in [100.0, 128.5, 20.0] {
+            let bounds = bounds(c);
+            let whole = Active::new(&bricks, &bounds, usize::MAX, None);
+            let nodes = whole.nodes.bytes();
+            assert!(whole.nodes.count() > 60, "nearly all");
+            for (room, old) in [0, nodes + 8 * 20 + 7, nodes + 8 * 50].into_iter().zip(&mut old) {
+                let active = Active::new(&bricks, &bounds, room, old.take());
+                assert!(active.bytes() <= room.max(nodes), "{} of {room}", active.bytes());
+                // Twice: words that are kept are known by then.
+                for _ in 0..2 {
+                    for (w, &word) in active.nodes.words.iter().enumerate() {
+                        let node = [
+                            w % active.nodes.dims[0],
+                            w / active.nodes.dims[0] % active.nodes.dims[1],
+                            w / (active.nodes.dims[0] * active.nodes.dims[1]),
+                        ];
+                        for b in (0..64u32).filter(|b| word >> b & 1 == 1) {
+                            let at = three(|a| (node[a] << 2) as i32 + (b >> (2 * a) & 3) as i32);
+                            let cells = |a: &Active| a.cells(w, b, at, values, dims, &bounds);
+                            assert_eq!(cells(&active), cells(&whole));
+                        }
+                    }
+                }
+                *old = Some(active);
+            }
         }
     }
 }

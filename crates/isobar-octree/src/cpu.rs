@@ -1,6 +1,6 @@
 //! `octree/cpu`: the casters of degrees 1, 2 and 3 as a method.
 
-use crate::bricks::{Active, Bricks, Values};
+use crate::bricks::{Active, Values, ranges, room};
 use crate::smooth::{self, Smooth};
 use crate::trilinear::{self, DrawTile, MARGIN};
 use crate::walk::{Bounds, Search, Space, Work};
@@ -8,6 +8,7 @@ use isobar_core::{
     Counters, Data, DataKind, Frame, Function, Grid, KnobKind, KnobSpec, Knobs, Memory, Method, MethodInfo, RenderError,
     RenderTime, Renderer, Request, ResolvedKnobs, Samples, Scene, Stage, Stop, Surface, TransferFunction, Unsupported, View,
 };
+use isobar_cpu::nodes::Ranges;
 use isobar_cpu::scene::{Isovalues, check_clipped_scene, check_medium, check_open_cuts, check_request, grid};
 use isobar_cpu::{Level, Pool, copy_frame, render_tiles};
 use isobar_fields::{GridSpline, Kind};
@@ -88,10 +89,10 @@ fn settings(knobs: &Knobs) -> Result<(Kind, bool), RenderError> {
 /// Bricks of any sample type.
 #[derive(Debug)]
 enum AnyBricks {
-    U8(Bricks<u8>),
-    I16(Bricks<i16>),
-    U16(Bricks<u16>),
-    F32(Bricks<f32>),
+    U8(Ranges<u8>),
+    I16(Ranges<i16>),
+    U16(Ranges<u16>),
+    F32(Ranges<f32>),
 }
 
 /// Runs `$body` with the typed bricks.
@@ -128,10 +129,10 @@ impl Linear {
         GridSpline::new(grid, Kind::Trilinear, Stage::Stored)?;
         let dims = grid.dims;
         let bricks = match &grid.samples {
-            Samples::U8(s) => AnyBricks::U8(Bricks::new(s, dims)),
-            Samples::I16(s) => AnyBricks::I16(Bricks::new(s, dims)),
-            Samples::U16(s) => AnyBricks::U16(Bricks::new(s, dims)),
-            Samples::F32(s) => AnyBricks::F32(Bricks::new(s, dims)),
+            Samples::U8(s) => AnyBricks::U8(ranges(s, dims)),
+            Samples::I16(s) => AnyBricks::I16(ranges(s, dims)),
+            Samples::U16(s) => AnyBricks::U16(ranges(s, dims)),
+            Samples::F32(s) => AnyBricks::F32(ranges(s, dims)),
         };
         let mut linear = Self {
             space: Space::new(grid.domain()),
@@ -177,22 +178,34 @@ impl Octree {
         let kind = self.kind;
         let volume = self.pool.install(|| match kind {
             Kind::Trilinear => Linear::new(grid).map(|l| Volume::Linear(Box::new(l))),
-            _ => Ok(Volume::Smooth(Box::new(Smooth::new(grid, kind)?))),
+            _ => Ok(Volume::Smooth(Box::new(Smooth::new(grid, kind)?.with_planes()))),
         })?;
         self.volume = Some(volume);
         self.prepare();
         Ok(())
     }
 
+    /// What depends on the isovalues, in the memory of what was there before.
     fn prepare(&mut self) {
-        self.prepared = None;
+        let old = self.prepared.take();
         if let (Some(volume), Some(surfaces)) = (&self.volume, &self.surfaces) {
-            let prepared = self.pool.install(|| match volume {
-                Volume::Smooth(smooth) => Prepared::Smooth(smooth.prepare(surfaces.values())),
-                Volume::Linear(linear) => {
+            let prepared = self.pool.install(|| match (volume, old) {
+                (Volume::Smooth(smooth), old) => {
+                    let old = old.and_then(|p| match p {
+                        Prepared::Smooth(p) => Some(p),
+                        Prepared::Linear { .. } => None,
+                    });
+                    Prepared::Smooth(smooth.prepare(surfaces.values(), old))
+                }
+                (Volume::Linear(linear), old) => {
                     let bound = |&c: &f64| Bounds::new(c, MARGIN, linear.range);
                     let bounds: Vec<_> = surfaces.values().iter().map(bound).collect();
-                    let active = typed!(linear.bricks, b => Active::new(b, &bounds));
+                    let old = old.and_then(|p| match p {
+                        Prepared::Linear { active, .. } => Some(active),
+                        Prepared::Smooth(_) => None,
+                    });
+                    let room = room(linear.grid.samples.bytes(), typed!(linear.bricks, b => b.bytes()));
+                    let active = typed!(linear.bricks, b => Active::new(b, &bounds, room, old));
                     Prepared::Linear { bounds, active }
                 }
             });
@@ -242,7 +255,11 @@ impl Renderer for Octree {
         let volume = self.volume.as_ref().ok_or(RenderError::NotReady("set_data"))?;
         let surfaces = self.surfaces.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
         let view = self.view.as_ref().ok_or(RenderError::NotReady("set_view"))?;
-        let prepared = self.prepared.as_ref().ok_or(RenderError::NotReady("set_surfaces"))?;
+        let prepared = self.prepared.as_mut().ok_or(RenderError::NotReady("set_surfaces"))?;
+        if let Prepared::Smooth(prepared) = prepared {
+            prepared.begin();
+        }
+        let prepared = &*prepared;
         let start = Instant::now();
         let total = SharedWork::default();
         let frame = self.frame.get_or_insert_with(Frame::default);
@@ -330,7 +347,7 @@ impl Renderer for Octree {
     fn counters(&self) -> Counters {
         let active = match &self.prepared {
             None => 0,
-            Some(Prepared::Linear { active, .. }) => active.count(),
+            Some(Prepared::Linear { active, .. }) => active.nodes.count(),
             Some(Prepared::Smooth(p)) => p.active_bricks(),
         };
         let mut counters = self.work.clone();

@@ -37,6 +37,8 @@ pub mod finders;
 #[cfg(feature = "gpu")]
 mod gpu;
 #[cfg(test)]
+mod memory_tests;
+#[cfg(test)]
 mod outlier_tests;
 mod packet;
 mod packet_cells;

@@ -218,13 +218,13 @@ impl Cells for LinearCells<'_> {
 
     #[inline(always)]
     fn node(&self, node: [i32; 3]) -> u64 {
-        self.search.active.words[self.search.active.word_of(node)]
+        self.search.active.nodes.words[self.search.active.nodes.word_of(node)]
     }
 
     #[inline(always)]
     fn brick(&mut self, brick: [i32; 3]) -> u64 {
         let search = self.search;
-        let word = search.active.word_of(three(|a| brick[a] >> 2));
+        let word = search.active.nodes.word_of(three(|a| brick[a] >> 2));
         search
             .active
             .cells(word, bit(brick), brick, search.samples, search.dims, search.bounds)

@@ -102,7 +102,7 @@ fn edges_of_the_domain() {
 }
 
 /// Past the edge of x = 0 and the greatest z: rounding puts the plane of z before that of x, which then decides where the ray enters, a twentieth of a unit too early; and the root
-/// lies between the two. Only a domain shrunk by the bound tells, since the grown one is entered by x too (`walk::ends`).
+/// lies between the two. Only a domain shrunk by the bound tells, since the grown one is entered by x too (`isobar_cpu::index::ends`).
 #[test]
 fn an_edge_that_rounding_moves() {
     let data = grid(41, DVec3::splat(0.3), DMat3::IDENTITY, |[x, _, _]| x as f32);

@@ -5,7 +5,7 @@
 //! the way is walked once more with the ends of the rays known, so that no cell is looked into, which is the traversal; the rest of the way is loading, composing and looking for
 //! signs. The roots are solved once more by themselves; the rest of the hits is normals, shading and storing. What is done again finds its data in the cache.
 
-use crate::bricks::{Active, Bricks, Values};
+use crate::bricks::{Active, Values, ranges};
 use crate::cpu::INFO;
 use crate::packet::{self, Drawn, Packet, with_packet};
 use crate::smooth::{self, Smooth};
@@ -98,7 +98,7 @@ pub fn stages(grid: &Grid, kind: Kind, isovalue: f64, view: &View, repeats: usiz
     };
     if kind != Kind::Trilinear {
         let smooth = job.pool.install(|| Smooth::new(grid, kind))?;
-        let prepared = job.pool.install(|| smooth.prepare(job.surfaces.values()));
+        let prepared = job.pool.install(|| smooth.prepare(job.surfaces.values(), None));
         return job.draw(|tile, out| {
             let mut laps = Laps::default();
             let job = smooth::Job {
@@ -124,9 +124,9 @@ pub fn stages(grid: &Grid, kind: Kind, isovalue: f64, view: &View, repeats: usiz
         }
     };
     let space = Space::new(grid.domain());
-    let bricks = job.pool.install(|| Bricks::new(samples, grid.dims));
+    let bricks = job.pool.install(|| ranges(samples, grid.dims));
     let bounds = [Bounds::new(isovalue, MARGIN, bricks.whole())];
-    let active = job.pool.install(|| Active::new(&bricks, &bounds));
+    let active = job.pool.install(|| Active::new(&bricks, &bounds, usize::MAX, None));
     let search = Search {
         samples: Values::F32(samples),
         dims: grid.dims,

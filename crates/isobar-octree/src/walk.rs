@@ -17,10 +17,11 @@
 //! **(6E + 64u) M**; it is used for all coefficients of the ray, and the test whether a cell or brick can meet c is widened by it. Then:
 //! a stretch of the ray that lies within E of a face and was attributed to the wrong one of two cells is covered too, because both interpolants agree on the face and leave it by at most 2ME.
 
-use crate::bricks::{Active, SIDE, Values, bit};
+use crate::bricks::{Active, Values, bit};
 use crate::cell::{Root, Scratch, Way};
+pub(crate) use isobar_cpu::index::Bounds;
 use isobar_cpu::index::{self, IndexSpace, Line, Rounding};
-pub(crate) use isobar_cpu::index::{Bounds, cleaned, overflows, side};
+use isobar_cpu::nodes::Cast;
 pub(crate) use isobar_cpu::packet::three;
 
 /// The bound above.
@@ -42,25 +43,8 @@ pub(crate) type Space = IndexSpace<Trilinear>;
 /// A ray in index space.
 pub(crate) type Walk = Line;
 
-/// As [`index::ends`], for s.
-#[inline(always)]
-pub(crate) fn ends(d: [f64; 3], t: [f64; 2], e: f64, of: impl Fn(f64) -> (f64, f64)) -> f64 {
-    index::ends(Trilinear::STEEPEST, d, t, e, of)
-}
-
 /// Whether a ray meets the box [0, dims - 1], where the planes keep it.
 pub(crate) type Entry = index::Entry<Walk>;
-
-#[inline(always)]
-fn nearest(t: [f64; 3]) -> usize {
-    if t[0] < t[1] {
-        if t[0] < t[2] { 0 } else { 2 }
-    } else if t[1] < t[2] {
-        1
-    } else {
-        2
-    }
-}
 
 /// Work done along rays.
 #[derive(Debug, Default, Clone, Copy)]
@@ -96,97 +80,31 @@ impl Search<'_> {
     pub(crate) fn roots(&self, walk: Walk, scratch: &mut Scratch, work: &mut Work, push: impl FnMut(&Root) -> bool) -> bool {
         scratch.reset();
         let mut way = Way::new(walk, scratch, work, push);
-        self.nodes(&mut way);
+        let cells = self.dims.map(|n| n as i32 - 1);
+        let walk = way.walk;
+        walk.cross(&self.active.nodes, cells, self, &mut way);
         self.end(&mut way);
         way.certain
     }
-
-    #[inline(always)]
-    fn nodes<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>) {
-        let w = way.walk;
-        let last = three(|a| (self.dims[a] as i32 - 2) >> 2);
-        let words = self.active.dims;
-        let mut brick = three(|a| (w.cell_at(a, w.t0) >> 2).clamp(0, last[a]));
-        let mut t = w.t0;
-        'node: loop {
-            way.work.nodes += 1;
-            let node = three(|a| brick[a] >> 2);
-            let at = (node[2] as usize * words[1] + node[1] as usize) * words[0] + node[0] as usize;
-            let word = self.active.words[at];
-            if word != 0 {
-                let mut exits = w.exits(brick, 2);
-                loop {
-                    let a = nearest(exits);
-                    // Rounded planes may lie behind where the ray is: it never goes back.
-                    let te = exits[a].min(w.t1).max(t);
-                    if word >> bit(brick) & 1 != 0 && !self.brick(way, at, brick, t, te) {
-                        return;
-                    }
-                    if te >= w.t1 {
-                        return;
-                    }
-                    brick[a] += w.step[a];
-                    t = t.max(te);
-                    if brick[a] >> 2 != node[a] {
-                        if brick[a] < 0 || brick[a] > last[a] {
-                            return;
-                        }
-                        continue 'node;
-                    }
-                    exits[a] = w.plane(a, (brick[a] + w.up[a]) << 2);
-                }
-            }
-            let exits = w.exits(node, 4);
-            let a = nearest(exits);
-            if exits[a] >= w.t1 {
-                return;
-            }
-            t = t.max(exits[a]);
-            for i in 0..3 {
-                brick[i] = (w.cell_at(i, t) >> 2).clamp(node[i] << 2, (node[i] << 2 | 3).min(last[i]));
-            }
-            brick[a] = if w.step[a] > 0 {
-                (node[a] + 1) << 2
-            } else {
-                (node[a] << 2) - 1
-            };
-            if brick[a] < 0 || brick[a] > last[a] {
-                return;
-            }
-        }
-    }
-
-    /// Returns whether to go on.
-    #[inline(always)]
-    fn brick<F: FnMut(&Root) -> bool>(&self, way: &mut Way<'_, F>, word: usize, brick: [i32; 3], t0: f64, t1: f64) -> bool {
-        way.work.bricks += 1;
-        let w = way.walk;
-        let mask = self
-            .active
-            .cells(word, bit(brick), brick, self.samples, self.dims, self.bounds);
-        let mut cell = three(|a| {
-            let lo = brick[a] << 2;
-            w.cell_at(a, t0).clamp(lo, (lo | 3).min(self.dims[a] as i32 - 2))
-        });
-        let mut exits = w.exits(cell, 0);
-        let mut t = t0;
-        loop {
-            let a = nearest(exits);
-            let te = exits[a].min(t1).max(t);
-            if mask >> bit(cell) & 1 != 0 && !self.cell(way, cell, t, te) {
-                return false;
-            }
-            if te >= t1 {
-                return true;
-            }
-            cell[a] += w.step[a];
-            if cell[a] >> 2 != brick[a] {
-                return true;
-            }
-            t = t.max(te);
-            exits[a] = w.plane(a, cell[a] + w.up[a]);
-        }
-    }
 }
 
-const _: () = assert!(SIDE == 4, "words of 64 bits, indices shifted by 2 and 4");
+impl<F: FnMut(&Root) -> bool> Cast<Way<'_, F>> for Search<'_> {
+    type Brick = u64;
+
+    #[inline(always)]
+    fn node(&self, way: &mut Way<'_, F>) {
+        way.work.nodes += 1;
+    }
+
+    #[inline(always)]
+    fn brick(&self, way: &mut Way<'_, F>, word: usize, brick: [i32; 3]) -> u64 {
+        way.work.bricks += 1;
+        self.active
+            .cells(word, bit(brick), brick, self.samples, self.dims, self.bounds)
+    }
+
+    #[inline(always)]
+    fn cell(&self, way: &mut Way<'_, F>, active: &u64, cell: [i32; 3], from: f64, to: f64) -> bool {
+        active >> bit(cell) & 1 == 0 || Search::cell(self, way, cell, from, to)
+    }
+}

@@ -8,141 +8,107 @@
 use super::basis::Spline;
 use super::lattice::{Coefficient, Lattice};
 use super::vector::{Isa, Register};
-use crate::bricks::{SIDE, bit};
+use crate::bricks::{self, SIDE, UNKNOWN, bit};
 use crate::walk::Bounds;
 use isobar_cpu::Kernel;
+use isobar_cpu::nodes::Ranges;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// The range of every brick; depends on the coefficients alone.
-#[derive(Debug)]
-pub(crate) struct Bricks<T> {
-    /// Bricks per axis.
-    dims: [usize; 3],
-    range: Vec<[T; 2]>,
-}
-
-impl<T: Coefficient> Bricks<T> {
-    /// For coefficients of `dims`, each at least 2.
-    pub(crate) fn new<S: Spline>(c: &[T], dims: [usize; 3]) -> Self {
-        let more = usize::from(S::CENTRED);
-        let bricks = dims.map(|n| (n - 1 + more).div_ceil(SIDE));
-        // What the border rule takes from elsewhere lies inside the cut block, with either rule.
-        let reach = |a: usize, b: usize| (b * SIDE).saturating_sub(1)..(b * SIDE + SIDE + S::DEGREE - 1).min(dims[a]);
-        let mut range = vec![[c[0]; 2]; bricks.iter().product()];
-        range.par_chunks_mut(bricks[0]).enumerate().for_each_init(
-            || (vec![c[0]; dims[0]], vec![c[0]; dims[0]]),
-            |(least, greatest), (row, out)| {
-                let mut first = true;
-                for z in reach(2, row / bricks[1]) {
-                    for y in reach(1, row % bricks[1]) {
-                        let line = &c[(z * dims[1] + y) * dims[0]..][..dims[0]];
-                        if first {
-                            least.copy_from_slice(line);
-                            greatest.copy_from_slice(line);
-                            first = false;
-                            continue;
-                        }
-                        for ((lo, hi), &v) in least.iter_mut().zip(greatest.iter_mut()).zip(line) {
-                            *lo = if v < *lo { v } else { *lo };
-                            *hi = if v > *hi { v } else { *hi };
-                        }
+/// The range of the coefficients of every brick, for coefficients of `dims`, each at least 2.
+pub(crate) fn ranges<S: Spline, T: Coefficient>(c: &[T], dims: [usize; 3]) -> Ranges<T> {
+    let more = usize::from(S::CENTRED);
+    let bricks = dims.map(|n| (n - 1 + more).div_ceil(SIDE));
+    // What the border rule takes from elsewhere lies inside the cut block, with either rule.
+    let reach = |a: usize, b: usize| (b * SIDE).saturating_sub(1)..(b * SIDE + SIDE + S::DEGREE - 1).min(dims[a]);
+    let mut range = vec![[c[0]; 2]; bricks.iter().product()];
+    range.par_chunks_mut(bricks[0]).enumerate().for_each_init(
+        || (vec![c[0]; dims[0]], vec![c[0]; dims[0]]),
+        |(least, greatest), (row, out)| {
+            let mut first = true;
+            for z in reach(2, row / bricks[1]) {
+                for y in reach(1, row % bricks[1]) {
+                    let line = &c[(z * dims[1] + y) * dims[0]..][..dims[0]];
+                    if first {
+                        least.copy_from_slice(line);
+                        greatest.copy_from_slice(line);
+                        first = false;
+                        continue;
+                    }
+                    for ((lo, hi), &v) in least.iter_mut().zip(greatest.iter_mut()).zip(line) {
+                        *lo = if v < *lo { v } else { *lo };
+                        *hi = if v > *hi { v } else { *hi };
                     }
                 }
-                for (i, o) in out.iter_mut().enumerate() {
-                    let reach = reach(0, i);
-                    let pick = |all: &[T], better: fn(&T, &T) -> bool| {
-                        all[1..].iter().fold(all[0], |m, v| if better(v, &m) { *v } else { m })
-                    };
-                    *o = [
-                        pick(&least[reach.clone()], |a, b| a < b),
-                        pick(&greatest[reach], |a, b| a > b),
-                    ];
-                }
-            },
-        );
-        Self { dims: bricks, range }
-    }
-
-    /// Bytes held.
-    pub(crate) fn bytes(&self) -> usize {
-        size_of_val(self.range.as_slice())
-    }
-
-    /// Least and greatest coefficient of all.
-    pub(crate) fn whole(&self) -> (f64, f64) {
-        self.range
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &[lo, hi]| {
-                (a.min(lo.into()), b.max(hi.into()))
-            })
-    }
+            }
+            for (i, o) in out.iter_mut().enumerate() {
+                let reach = reach(0, i);
+                let pick = |all: &[T], better: fn(&T, &T) -> bool| {
+                    all[1..].iter().fold(all[0], |m, v| if better(v, &m) { *v } else { m })
+                };
+                *o = [
+                    pick(&least[reach.clone()], |a, b| a < b),
+                    pick(&greatest[reach], |a, b| a > b),
+                ];
+            }
+        },
+    );
+    Ranges { dims: bricks, range }
 }
 
 /// Bricks and cells that the isovalues can meet; made anew when these change, in time linear in the number of bricks.
 #[derive(Debug)]
 pub(crate) struct Active {
-    /// Words per axis.
-    pub(crate) dims: [usize; 3],
-    /// Bit b of word w: brick b of node w may hold a surface. Bits are taken back where no cell does.
+    /// Bricks as the coefficients' hull leaves them, and the active cells of those that a ray has entered. A ray that enters one without active cells works that out once more.
+    all: bricks::Active,
+    /// The bricks of each node; bits are taken back where no cell is active.
     live: Vec<AtomicU64>,
-    /// The words as they were at first, and the bricks before each: where its bricks' cells are.
-    first: Vec<(u64, u32)>,
-    /// Per brick: its active cells, and [`UNKNOWN`] until a ray comes by.
-    cells: Vec<AtomicU64>,
 }
 
-/// The word of a brick that no ray has entered yet, or in which no cell is active: a ray that still comes by works that out once more.
-const UNKNOWN: u64 = 0;
+/// Bytes of a node, beside its bricks: its word, what is left of it, and a number.
+pub(crate) const NODE: usize = 20;
+
+/// The cells of a brick that lie inside the volume.
+#[inline(always)]
+pub(crate) fn inside(cells: [i32; 3], brick: [i32; 3]) -> u64 {
+    // Whole rows, planes and bricks of so many cells.
+    const X: [u64; 4] = [0x1111_1111_1111_1111, 0x3333_3333_3333_3333, 0x7777_7777_7777_7777, u64::MAX];
+    const Y: [u64; 4] = [0x000f_000f_000f_000f, 0x00ff_00ff_00ff_00ff, 0x0fff_0fff_0fff_0fff, u64::MAX];
+    const Z: [u64; 4] = [0xffff, 0xffff_ffff, 0xffff_ffff_ffff, u64::MAX];
+    let last = |a: usize| (cells[a] - 1 - (brick[a] << 2)).clamp(0, 3) as usize;
+    X[last(0)] & Y[last(1)] & Z[last(2)]
+}
 
 impl Active {
-    pub(crate) fn new<T: Coefficient>(bricks: &Bricks<T>, bounds: &[Bounds]) -> Self {
-        let dims = bricks.dims.map(|n| n.div_ceil(SIDE));
-        let mut words = vec![0u64; dims.iter().product()];
-        words.par_chunks_mut(dims[0] * dims[1]).enumerate().for_each(|(z, layer)| {
-            for k in z * SIDE..(z * SIDE + SIDE).min(bricks.dims[2]) {
-                for j in 0..bricks.dims[1] {
-                    let row = &bricks.range[(k * bricks.dims[1] + j) * bricks.dims[0]..][..bricks.dims[0]];
-                    let word = &mut layer[j / SIDE * dims[0]..][..dims[0]];
-                    for (i, &[lo, hi]) in row.iter().enumerate() {
-                        let (lo, hi) = (lo.into(), hi.into());
-                        let on = bounds.iter().any(|b| b.meets(lo, hi));
-                        word[i / SIDE] |= u64::from(on) << bit([i as i32, j as i32, k as i32]);
-                    }
-                }
-            }
-        });
-        let mut count = 0u32;
-        let first: Vec<(u64, u32)> = words
-            .iter()
-            .map(|&w| {
-                let at = count;
-                count += w.count_ones();
-                (w, at)
-            })
-            .collect();
-        Self {
-            dims,
-            live: words.into_iter().map(AtomicU64::new).collect(),
-            first,
-            cells: (0..count).map(|_| AtomicU64::new(UNKNOWN)).collect(),
-        }
+    /// `room`: the bytes it may take, as far as nodes leave any; `old`: others of the same volume, whose memory is used.
+    pub(crate) fn new<T: Coefficient>(bricks: &Ranges<T>, bounds: &[Bounds], room: usize, old: Option<Self>) -> Self {
+        let nodes: usize = bricks.dims.iter().map(|n| n.div_ceil(SIDE)).product();
+        let (all, mut live) = old.map_or((None, Vec::new()), |a| (Some(a.all), a.live));
+        let all = bricks::Active::new(bricks, bounds, room.saturating_sub(nodes * size_of::<AtomicU64>()), all);
+        live.clear();
+        live.extend(all.nodes.words.iter().map(|&w| AtomicU64::new(w)));
+        Self { all, live }
     }
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        self.live.len() * 8 + size_of_val(self.first.as_slice()) + self.cells.len() * 8
+        size_of_val(self.live.as_slice()) + self.all.bytes()
+    }
+
+    /// Nodes per axis.
+    pub(crate) fn dims(&self) -> [usize; 3] {
+        self.all.nodes.dims
     }
 
     /// Bricks that the coefficients' hull leaves.
     pub(crate) fn count(&self) -> usize {
-        self.cells.len()
+        self.all.nodes.count()
     }
 
     /// The word of the node with these indices.
     #[inline(always)]
     pub(crate) fn word_of(&self, node: [i32; 3]) -> usize {
-        (node[2] as usize * self.dims[1] + node[1] as usize) * self.dims[0] + node[0] as usize
+        self.all.nodes.word_of(node)
     }
 
     /// The bricks of node `w`.
@@ -151,54 +117,40 @@ impl Active {
         self.live[w].load(Ordering::Relaxed)
     }
 
-    /// The active cells of brick `at` (bit `b` of word `w`, which is set or was).
+    /// Takes back the active cell with bit `cell` of such a brick, which [`Active::cells`] gave.
+    #[inline(always)]
+    pub(crate) fn take_back(&self, w: usize, b: u32, cell: u32) {
+        if self.all.take_back(w, b, cell) == UNKNOWN {
+            self.live[w].fetch_and(!(1u64 << b), Ordering::Relaxed);
+        }
+    }
+
+    /// The active cells of the brick with bit `b` of word `w`, which is set or was; `make` works them out.
     #[inline(always)]
     pub(crate) fn cells(&self, w: usize, b: u32, make: impl FnOnce() -> u64) -> u64 {
-        let (first, before) = self.first[w];
-        let below = first & ((1u64 << b) - 1);
-        let slot = &self.cells[(before + below.count_ones()) as usize];
-        match slot.load(Ordering::Relaxed) {
-            UNKNOWN => {
-                let mask = make();
-                // Every thread would store the same.
-                slot.store(mask, Ordering::Relaxed);
-                if mask == UNKNOWN {
-                    self.live[w].fetch_and(!(1u64 << b), Ordering::Relaxed);
-                }
-                mask
+        self.all.known(w, b, || {
+            let mask = make();
+            if mask == UNKNOWN {
+                self.live[w].fetch_and(!(1u64 << b), Ordering::Relaxed);
             }
-            mask => mask,
-        }
+            mask
+        })
     }
 }
 
 /// The active cells of a brick, by their Bernstein coefficients.
-///
-/// In f32, relative to one of the coefficients. Differences carry u, each axis three products and two sums with constants that are
-/// themselves rounded, 7u: 22u of the greatest difference. The range of a cell is widened by 32u.
 #[cold]
 #[inline(never)]
 pub(crate) fn active_cells<S: Spline, I: Isa>(lattice: &Lattice<'_>, cells: [i32; 3], brick: [i32; 3], bounds: &[Bounds]) -> u64 {
-    let (reference, block) = lattice.block(brick.map(|b| b << 2), SIDE + S::DEGREE);
-    let kernel = CellHulls::<S, I> {
-        reference,
-        block: &block,
-        kind: std::marker::PhantomData,
-    };
-    let hulls = I::run(kernel);
+    let hulls = hulls::<S, I>(lattice, brick);
     let mut mask = 0;
     let n: [i32; 3] = std::array::from_fn(|a| (cells[a] - (brick[a] << 2)).min(SIDE as i32));
     for k in 0..n[2] {
         for j in 0..n[1] {
             for i in 0..n[0] {
-                let at = (k * 4 + j) as usize * 16 + i as usize;
-                let (lo, hi) = (
-                    f64::from(hulls.least[at]) - hulls.pad,
-                    f64::from(hulls.greatest[at]) + hulls.pad,
-                );
+                let [lo, hi] = hulls.range([i, j, k].map(|v| v as usize));
                 // Differences that overflow f32 leave no finite range: then every cell is active.
-                let on = !(lo.is_finite() && hi.is_finite())
-                    || bounds.iter().any(|b| b.meets(hulls.reference + lo, hulls.reference + hi));
+                let on = !(lo.is_finite() && hi.is_finite()) || bounds.iter().any(|b| b.meets(lo, hi));
                 mask |= u64::from(on) << bit([i, j, k]);
             }
         }
@@ -206,12 +158,51 @@ pub(crate) fn active_cells<S: Spline, I: Isa>(lattice: &Lattice<'_>, cells: [i32
     mask
 }
 
+/// The ranges of the cells of a brick, by their Bernstein coefficients; what lies beyond the volume is that of its border.
+///
+/// In f32, relative to one of the coefficients. Differences carry u, each axis three products and two sums with constants that are
+/// themselves rounded, 7u: 22u of the greatest difference. The range of a cell is widened by 32u.
+pub(crate) fn hulls<S: Spline, I: Isa>(lattice: &Lattice<'_>, brick: [i32; 3]) -> Hulls {
+    let (reference, block) = lattice.block(brick.map(|b| b << 2), SIDE + S::DEGREE);
+    I::run(CellHulls::<S, I> {
+        reference,
+        block: &block,
+        kind: std::marker::PhantomData,
+    })
+}
+
 /// Range of each cell of a brick relative to `reference`: cell (i, j, k) at `16 (4k + j) + i`.
-struct Hulls {
+pub(crate) struct Hulls {
     reference: f64,
     pad: f64,
     least: [f32; 256],
     greatest: [f32; 256],
+}
+
+impl Hulls {
+    /// Least and greatest of eight cells, the eight with number `n`, x fastest.
+    #[inline(always)]
+    pub(crate) fn eight(&self, n: usize) -> [[f64; 8]; 2] {
+        let mut out = [[0.0; 8]; 2];
+        for j in 0..2 {
+            for i in 0..SIDE {
+                let at = (2 * n + j) * 16 + i;
+                out[0][4 * j + i] = self.reference + (f64::from(self.least[at]) - self.pad);
+                out[1][4 * j + i] = self.reference + (f64::from(self.greatest[at]) + self.pad);
+            }
+        }
+        out
+    }
+
+    /// That of a cell; not finite where differences overflow.
+    #[inline(always)]
+    pub(crate) fn range(&self, [i, j, k]: [usize; 3]) -> [f64; 2] {
+        let at = (k * 4 + j) * 16 + i;
+        [
+            self.reference + (f64::from(self.least[at]) - self.pad),
+            self.reference + (f64::from(self.greatest[at]) + self.pad),
+        ]
+    }
 }
 
 struct CellHulls<'a, S, I> {
@@ -347,18 +338,17 @@ mod tests {
                 dims,
                 border: Border::Clamp,
             };
-            let bricks = Bricks::new::<S>(&samples, dims);
+            let bricks = ranges::<S, _>(&samples, dims);
             let bounds = [Bounds::new(100.0, 0.0, (0.0, 256.0)), Bounds::new(200.0, 0.0, (0.0, 256.0))];
-            let active = Active::new(&bricks, &bounds);
+            let active = Active::new(&bricks, &bounds, usize::MAX, None);
             let cells = dims.map(|n| n as i32 - i32::from(!S::CENTRED));
             let (mut on, mut all) = (0, 0);
             for (z, y, x) in (0..cells[2]).flat_map(|z| (0..cells[1]).flat_map(move |y| (0..cells[0]).map(move |x| (z, y, x)))) {
                 let (cell, brick) = ([x, y, z], [x >> 2, y >> 2, z >> 2]);
-                let w = ((brick[2] >> 2) as usize * active.dims[1] + (brick[1] >> 2) as usize) * active.dims[0]
-                    + (brick[0] >> 2) as usize;
+                let w = active.word_of(brick.map(|b| b >> 2));
                 let b = bit(brick);
                 let make = || active_cells::<S, Portable>(&lattice, cells, brick, &bounds);
-                let is = active.first[w].0 >> b & 1 == 1 && active.cells(w, b, make) >> bit(cell) & 1 == 1;
+                let is = active.all.nodes.words[w] >> b & 1 == 1 && active.cells(w, b, make) >> bit(cell) & 1 == 1;
                 let d = lattice.doubles::<S>(cell, 0.0);
                 let stencil = &d[..(S::DEGREE + 1).pow(3)];
                 let (lo, hi) = stencil.iter().fold((f64::MAX, f64::MIN), |(a, b), &v| (a.min(v), b.max(v)));

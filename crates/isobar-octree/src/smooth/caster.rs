@@ -9,9 +9,11 @@
 //! as a sum of two f32 leaves 2v (m + v |c|), m the greatest difference of the stencil. Both are within 160 v (m + v |c|) spread, which is what the
 //! composition loses, as long as spread is above 2: (12E) M + 6 v M + 160 v (m + v |c|) spread.
 
+use super::AnyBricks;
 use super::basis::{LANES, Spline, Table, gradient, growth};
-use super::bricks::{Active, active_cells};
-use super::lattice::{Entry, Lattice, Path, Space, three};
+use super::bricks::Active;
+use super::lattice::{Entry, Lattice, Path, Space, local, three};
+use super::planes::Plane;
 use super::roots::{Candidate, Segment, Track};
 use super::vector::{Isa, Portable, Register};
 use crate::bricks::bit;
@@ -25,6 +27,7 @@ use isobar_cpu::packet::{RaySet, holds};
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Kernel, Level, PixelSink, Tile, TileOut};
 use std::marker::PhantomData;
+use std::sync::atomic::AtomicBool;
 
 /// Work done along rays.
 #[derive(Debug, Default, Clone, Copy)]
@@ -47,6 +50,13 @@ pub(crate) struct Work {
 #[derive(Debug)]
 pub(crate) struct Search<'a> {
     pub(crate) lattice: Lattice<'a>,
+    pub(crate) bricks: &'a AnyBricks,
+    /// As in [`super::Smooth`].
+    pub(crate) planes: &'a [Plane],
+    /// Set where a plane has told the cells of a brick.
+    pub(crate) rough: &'a AtomicBool,
+    /// Cells that planes may have left too many are looked for, and taken back.
+    pub(crate) refine: bool,
     pub(crate) space: &'a Space,
     pub(crate) active: &'a Active,
     pub(crate) bounds: &'a [Bounds],
@@ -149,7 +159,7 @@ impl<S: Spline, I: Isa> Kernel for DrawTile<'_, '_, S, I> {
             let mut certain = true;
             let (least, mut worst) = (vague(&search.space.of_degree_1().domain, ray.direction.length()), 0.0f64);
             if !tracks.is_empty() {
-                match Path::enter(&ray, search.space, &view.clips, margin) {
+                match search.space.enter(&ray, &view.clips, margin) {
                     Entry::Through(path) => {
                         tracks.fill(Track::default());
                         sure &= margin + path.ends <= MARGIN;
@@ -299,13 +309,12 @@ impl Search<'_> {
     #[inline(always)]
     fn nodes<S: Spline, I: Isa>(&self, w: &Path, way: &mut Way<'_>, push: &mut impl FnMut(&Candidate, bool) -> bool) {
         let last = three(|a| (self.space.cells[a] - 1) >> 2);
-        let words = self.active.dims;
         let mut brick = three(|a| (w.cell_at(a, w.t0) >> 2).clamp(0, last[a]));
         let mut t = w.t0;
         'node: loop {
             way.work.nodes += 1;
             let node = three(|a| brick[a] >> 2);
-            let at = (node[2] as usize * words[1] + node[1] as usize) * words[0] + node[0] as usize;
+            let at = self.active.word_of(node);
             let word = self.active.word(at);
             if word != 0 {
                 let mut s = Steps::new(w, 2, brick);
@@ -372,9 +381,7 @@ impl Search<'_> {
     ) -> bool {
         way.work.bricks += 1;
         let cells = self.space.cells;
-        let mask = self.active.cells(word[0], word[1] as u32, || {
-            active_cells::<S, I>(&self.lattice, cells, brick, self.bounds)
-        });
+        let mask = self.active.cells(word[0], word[1] as u32, || self.active_cells::<S>(brick));
         if mask == 0 {
             return true;
         }
@@ -414,8 +421,8 @@ impl Search<'_> {
     ) -> bool {
         let segment = Segment {
             cell,
-            a: w.local(cell, t0),
-            b: w.local(cell, t1),
+            a: local(w, cell, t0),
+            b: local(w, cell, t1),
             t0,
             t1,
         };

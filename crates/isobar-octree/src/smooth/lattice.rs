@@ -2,10 +2,9 @@
 
 use super::basis::Spline;
 use crate::bricks::{Values, values};
-use crate::walk::{cleaned, ends, overflows, side};
 use glam::DVec3;
 use isobar_core::{ClipPlane, Domain, Ray};
-use isobar_cpu::clip::kept;
+use isobar_cpu::index::{self, Line};
 pub(crate) use isobar_cpu::packet::three;
 use isobar_fields::Border;
 
@@ -138,55 +137,27 @@ impl Lattice<'_> {
 /// Index space of a spline: a shift of a half where cells are centred on samples, so that cell i spans [i, i + 1].
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Space {
-    origin: DVec3,
-    /// World displacement to index space, by columns.
-    to_index: [DVec3; 3],
-    aligned: bool,
     pub(crate) cells: [i32; 3],
-    lo: f64,
-    hi: [f64; 3],
-    shift: f64,
+    shifted: crate::walk::Space,
     /// For the margin, which is that of the trilinear caster.
-    margin: crate::walk::Space,
+    plain: crate::walk::Space,
 }
 
 impl Space {
     /// For a grid of `dims` samples, each at least 2 and at most 2^30.
     pub(crate) fn new(domain: Domain, dims: [usize; 3], centred: bool) -> Self {
-        let a = domain.axes;
-        let aligned = domain.is_axis_aligned();
-        let shift = if centred { 0.5 } else { 0.0 };
-        let m = a.inverse();
+        let plain = crate::walk::Space::new(domain);
         Self {
-            origin: domain.origin,
-            to_index: if aligned {
-                [DVec3::X / a.x_axis.x, DVec3::Y / a.y_axis.y, DVec3::Z / a.z_axis.z]
-            } else {
-                [m.x_axis, m.y_axis, m.z_axis]
-            },
-            aligned,
             cells: dims.map(|n| n as i32 - i32::from(!centred)),
-            lo: shift,
-            hi: dims.map(|n| (n - 1) as f64 + shift),
-            shift,
-            margin: crate::walk::Space::new(domain),
-        }
-    }
-
-    #[inline(always)]
-    fn index_vector(&self, v: DVec3) -> DVec3 {
-        let [x, y, z] = self.to_index;
-        if self.aligned {
-            v * DVec3::new(x.x, y.y, z.z)
-        } else {
-            x * v.x + y * v.y + z * v.z
+            shifted: plain.shifted(if centred { 0.5 } else { 0.0 }),
+            plain,
         }
     }
 
     /// That of the trilinear caster, without the shift: cells of degree 3 are its cells.
     #[inline(always)]
     pub(crate) fn of_degree_1(&self) -> &crate::walk::Space {
-        &self.margin
+        &self.plain
     }
 
     /// 12E of a ray, rounded up (twice the 6E + 64u of `crate::walk`). There E bounds the error of a position in index space, per axis. Positions are
@@ -194,122 +165,36 @@ impl Space {
     /// axes, 2E, 2M. The shift by a half rounds once more, within the factor of two that E holds in reserve.
     #[inline(always)]
     pub(crate) fn margin(&self, origin: DVec3) -> f64 {
-        2.0 * self.margin.margin(origin)
+        2.0 * self.plain.margin(origin)
     }
 
     /// World gradient from that in index space.
     #[inline(always)]
     pub(crate) fn world_gradient(&self, g: DVec3) -> DVec3 {
-        self.margin.world_gradient(g)
+        self.plain.world_gradient(g)
+    }
+
+    /// The way of a ray through the domain at t >= 0, where the planes keep it. `margin`: that of the ray; 2E and more for the ends of the domain.
+    #[inline(always)]
+    pub(crate) fn enter(&self, ray: &Ray, clips: &[ClipPlane], margin: f64) -> Entry {
+        Path::enter(ray, &self.shifted, clips, Some(margin))
     }
 }
 
 /// A ray in the index space of a spline.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Path {
-    o: [f64; 3],
-    d: [f64; 3],
-    inv: [f64; 3],
-    /// Parameter of plane x: `x * inv + shift`; +inf where the ray is parallel to it.
-    shift: [f64; 3],
-    pub(crate) up: [i32; 3],
-    pub(crate) step: [i32; 3],
-    pub(crate) t0: f64,
-    pub(crate) t1: f64,
-    /// As in `crate::walk::Walk`.
-    pub(crate) ends: f64,
-}
+pub(crate) type Path = Line;
 
 /// Whether a ray meets the domain.
-#[derive(Debug)]
-pub(crate) enum Entry {
-    /// It does.
-    Through(Path),
-    /// It does not; for certain, if it misses a domain larger by its error too.
-    Misses {
-        /// Whether that is proved.
-        certain: bool,
-    },
-}
+pub(crate) type Entry = index::Entry<Path>;
 
-impl Path {
-    /// The way of a ray through the domain at t >= 0, where the planes keep it. `margin`: that of the ray.
-    #[inline(always)]
-    pub(crate) fn enter(ray: &Ray, space: &Space, clips: &[ClipPlane], margin: f64) -> Entry {
-        let o = (space.index_vector(ray.origin - space.origin) + space.shift).to_array();
-        let d = cleaned(space.index_vector(ray.direction).to_array());
-        let inv = three(|a| if d[a] == 0.0 { 0.0 } else { 1.0 / d[a] });
-        let shift = three(|a| if d[a] == 0.0 { f64::INFINITY } else { -o[a] * inv[a] });
-        if overflows(o, d, inv, space.hi) {
-            return Entry::Misses { certain: false };
-        }
-        // The stretch inside the domain grown by e on every side.
-        let inside = |e: f64| {
-            let (mut t0, mut t1) = (0.0f64, f64::INFINITY);
-            if !clips.is_empty() {
-                (t0, t1) = kept(ray, clips, space.margin.reach(ray), side(e));
-            }
-            for a in 0..3 {
-                let (lo, hi) = (space.lo - e, space.hi[a] + e);
-                if d[a] == 0.0 {
-                    if o[a] < lo || o[a] > hi {
-                        t1 = -1.0;
-                    }
-                } else {
-                    let (x, y) = (lo * inv[a] + shift[a], hi * inv[a] + shift[a]);
-                    let (near, far) = if x < y { (x, y) } else { (y, x) };
-                    t0 = if near > t0 { near } else { t0 };
-                    t1 = if far < t1 { far } else { t1 };
-                }
-            }
-            (t0, t1)
-        };
-        let (t0, t1) = inside(0.0);
-        // Not `t0 > t1`: what is not a number misses.
-        if t0 <= t1 {
-            return Entry::Through(Self {
-                o,
-                d,
-                inv,
-                shift,
-                up: three(|a| i32::from(d[a] >= 0.0)),
-                step: three(|a| if d[a] >= 0.0 { 1 } else { -1 }),
-                t0,
-                t1,
-                ends: ends(d, [t0, t1], margin / 6.0, inside),
-            });
-        }
-        let (a, b) = inside(margin);
-        let certain = a > b && a.is_finite() && b.is_finite();
-        Entry::Misses { certain }
-    }
-
-    /// Parameter of a plane between cells: the same expression for cells, bricks and nodes, so that no ray slips between two of them.
-    #[inline(always)]
-    pub(crate) fn plane(&self, a: usize, at: i32) -> f64 {
-        f64::from(at) * self.inv[a] + self.shift[a]
-    }
-
-    /// Parameters at which the ray leaves the block of `1 << log` cells per axis with index `i`.
-    #[inline(always)]
-    pub(crate) fn exits(&self, i: [i32; 3], log: u32) -> [f64; 3] {
-        three(|a| self.plane(a, (i[a] + self.up[a]) << log))
-    }
-
-    #[inline(always)]
-    pub(crate) fn cell_at(&self, a: usize, t: f64) -> i32 {
-        (self.o[a] + t * self.d[a]) as i32
-    }
-
-    /// Position at t in a cell, cut to it.
-    #[inline(always)]
-    pub(crate) fn local(&self, cell: [i32; 3], t: f64) -> [f64; 3] {
-        three(|a| {
-            let x = self.o[a] + t * self.d[a] - f64::from(cell[a]);
-            let x = if x > 0.0 { x } else { 0.0 };
-            if x < 1.0 { x } else { 1.0 }
-        })
-    }
+/// Position at t in a cell, cut to it.
+#[inline(always)]
+pub(crate) fn local(path: &Path, cell: [i32; 3], t: f64) -> [f64; 3] {
+    three(|a| {
+        let x = path.at(a, t) - f64::from(cell[a]);
+        let x = if x > 0.0 { x } else { 0.0 };
+        if x < 1.0 { x } else { 1.0 }
+    })
 }
 
 #[cfg(test)]
@@ -350,7 +235,7 @@ mod tests {
             origin: DVec3::new(-1.0, 0.5, 0.5),
             direction: DVec3::X,
         };
-        let Entry::Through(p) = Path::enter(&ray, &space, &[], 0.0) else {
+        let Entry::Through(p) = space.enter(&ray, &[], 0.0) else {
             panic!("it goes through")
         };
         assert_eq!((p.t0, p.t1), (1.0, n as f64));

@@ -10,36 +10,40 @@ mod bricks;
 mod caster;
 mod lattice;
 mod packet;
+mod planes;
 mod roots;
 #[cfg(test)]
 mod tests;
 mod vector;
 
-use crate::bricks::{Values, bit};
+use crate::bricks::{SIDE, Values, bit, room};
 use crate::stages::{self, Laps};
 use crate::trilinear::MARGIN;
 use crate::walk::Bounds;
 use basis::{Cubic, Quadratic, Spline, Table};
-use bricks::{Active, Bricks};
+use bricks::{Active, ranges};
 pub(crate) use caster::Work;
 use caster::{DrawTile, Search};
 use isobar_core::{DataError, Function, Grid, Samples, Stage, View};
+use isobar_cpu::nodes::Ranges;
 use isobar_cpu::packet::RaySet;
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Level, Tile, TileOut};
 use isobar_fields::{Coefficients, GridSpline, Kind};
 use lattice::{Coefficient, Lattice, Space};
+use planes::{Plane, planes};
 use std::marker::PhantomData;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Bricks of any coefficient type.
 #[derive(Debug)]
 enum AnyBricks {
-    U8(Bricks<u8>),
-    I16(Bricks<i16>),
-    U16(Bricks<u16>),
-    F32(Bricks<f32>),
+    U8(Ranges<u8>),
+    I16(Ranges<i16>),
+    U16(Ranges<u16>),
+    F32(Ranges<f32>),
 }
 
 /// Runs `$body` with the typed bricks.
@@ -60,6 +64,8 @@ pub(crate) struct Smooth {
     spline: GridSpline,
     space: Space,
     bricks: AnyBricks,
+    /// One for each brick, or none at all.
+    planes: Vec<Plane>,
     range: (f64, f64),
     single: Table<f32>,
     double: Table<f64>,
@@ -70,9 +76,18 @@ pub(crate) struct Smooth {
 pub(crate) struct Prepared {
     bounds: Vec<Bounds>,
     active: Active,
+    /// Whether planes have told the cells of bricks since the last frame began.
+    rough: AtomicBool,
+    /// Whether this frame looks for cells that planes have left too many.
+    refine: bool,
 }
 
 impl Prepared {
+    /// A frame begins: it takes back cells that planes have left too many, if the frame before has entered new bricks.
+    pub(crate) fn begin(&mut self) {
+        self.refine = std::mem::replace(self.rough.get_mut(), false);
+    }
+
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
         self.active.bytes()
@@ -85,7 +100,7 @@ impl Prepared {
 
     /// Takes out the bricks of 4^3 cells that `keep` does not want, by their indices: nothing is drawn in them. Gives those a surface may still meet.
     pub(crate) fn retain(&self, keep: impl Fn([usize; 3]) -> bool) -> Vec<[usize; 3]> {
-        let [nx, ny, nz] = self.active.dims.map(|n| 4 * n);
+        let [nx, ny, nz] = self.active.dims().map(|n| 4 * n);
         let mut left = Vec::new();
         for [z, y, x] in (0..nx * ny * nz).map(|i| [i / (nx * ny), i / nx % ny, i % nx]) {
             let brick = [x as i32, y as i32, z as i32];
@@ -123,11 +138,11 @@ impl Smooth {
         let spline = GridSpline::new(grid, kind, Stage::Stored)?;
         let cubic = kind.basis().degree == 3;
         let dims = grid.dims;
-        fn bricks<T: Coefficient>(c: &[T], dims: [usize; 3], cubic: bool) -> Bricks<T> {
+        fn bricks<T: Coefficient>(c: &[T], dims: [usize; 3], cubic: bool) -> Ranges<T> {
             if cubic {
-                Bricks::new::<Cubic>(c, dims)
+                ranges::<Cubic, T>(c, dims)
             } else {
-                Bricks::new::<Quadratic>(c, dims)
+                ranges::<Quadratic, T>(c, dims)
             }
         }
         let bricks = match spline.coefficients() {
@@ -141,6 +156,7 @@ impl Smooth {
         let mut smooth = Self {
             space: Space::new(grid.domain(), grid.dims, kind.basis().centred),
             bricks,
+            planes: Vec::new(),
             range: (0.0, 0.0),
             single: if cubic {
                 Table::new::<Cubic>()
@@ -158,15 +174,64 @@ impl Smooth {
         Ok(smooth)
     }
 
+    /// With planes, which take as long as bounding all cells once: for volumes that see more than one isovalue.
+    pub(crate) fn with_planes(mut self) -> Self {
+        self.planes = self.made_planes();
+        self
+    }
+
+    /// Planes, where they leave the nodes of 16^3 cells their room. None in degree 2: there a first image gained 10 ms by them, of 155, and later ones, in which
+    /// cells are left that planes cannot tell, took 4 % longer.
+    fn made_planes(&self) -> Vec<Plane> {
+        fn of<T: Coefficient>(smooth: &Smooth, bricks: &Ranges<T>) -> Vec<Plane> {
+            let nodes: usize = bricks.dims.iter().map(|n| n.div_ceil(SIDE)).product();
+            let room = smooth.room(bricks.bytes());
+            if room < bricks.range.len() * size_of::<Plane>() + nodes * bricks::NODE {
+                return Vec::new();
+            }
+            planes::<Cubic, T>(&smooth.lattice(), bricks, Level::detect())
+        }
+        if self.kind().basis().degree != 3 {
+            return Vec::new();
+        }
+        typed!(self.bricks, b => of(self, b))
+    }
+
+    /// Bytes that the index may take beside these; see [`room`].
+    fn room(&self, held: usize) -> usize {
+        let own = self.spline.own_bytes();
+        room(if own == 0 { self.spline.grid().samples.bytes() } else { own }, held)
+    }
+
+    /// The coefficients.
+    fn lattice(&self) -> Lattice<'_> {
+        let values = match self.spline.coefficients() {
+            Coefficients::Samples(c) => Values::of(c),
+            Coefficients::F32(c) => Values::F32(c),
+            Coefficients::F64(_) => unreachable!("the coefficients of Stage::Stored are f32"),
+        };
+        Lattice {
+            values,
+            dims: self.spline.grid().dims,
+            border: self.spline.border(),
+        }
+    }
+
     pub(crate) fn kind(&self) -> Kind {
         self.spline.kind()
     }
 
-    /// What the isovalues need; no part of the volume is read again.
-    pub(crate) fn prepare(&self, isovalues: &[f64]) -> Prepared {
+    /// What the isovalues need, in the memory of `old`; no part of the volume is read again.
+    pub(crate) fn prepare(&self, isovalues: &[f64], old: Option<Prepared>) -> Prepared {
         let bounds: Vec<_> = isovalues.iter().map(|&c| Bounds::new(c, MARGIN, self.range)).collect();
-        let active = typed!(self.bricks, b => Active::new(b, &bounds));
-        Prepared { bounds, active }
+        let room = self.room(self.bytes().1);
+        let active = typed!(self.bricks, b => Active::new(b, &bounds, room, old.map(|p| p.active)));
+        Prepared {
+            bounds,
+            active,
+            rough: AtomicBool::new(!self.planes.is_empty()),
+            refine: false,
+        }
     }
 
     /// The function drawn: the spline itself, or its form with coefficients that are not rounded.
@@ -181,22 +246,18 @@ impl Smooth {
 
     /// Bytes of coefficients beyond the shared samples, and of the index.
     pub(crate) fn bytes(&self) -> (usize, usize) {
-        (self.spline.own_bytes(), typed!(self.bricks, b => b.bytes()))
+        let planes = size_of_val(self.planes.as_slice());
+        (self.spline.own_bytes(), typed!(self.bricks, b => b.bytes()) + planes)
     }
 
     /// What all tiles look at.
     fn search<'a>(&'a self, prepared: &'a Prepared, level: Level, claims: bool) -> Search<'a> {
-        let values = match self.spline.coefficients() {
-            Coefficients::Samples(c) => Values::of(c),
-            Coefficients::F32(c) => Values::F32(c),
-            Coefficients::F64(_) => unreachable!("the coefficients of Stage::Stored are f32"),
-        };
         Search {
-            lattice: Lattice {
-                values,
-                dims: self.spline.grid().dims,
-                border: self.spline.border(),
-            },
+            lattice: self.lattice(),
+            bricks: &self.bricks,
+            planes: &self.planes,
+            rough: &prepared.rough,
+            refine: prepared.refine,
             space: &self.space,
             active: &prepared.active,
             bounds: &prepared.bounds,
@@ -225,6 +286,35 @@ impl Smooth {
             draw_clocked::<Cubic>(&search, job, laps);
         } else {
             draw_clocked::<Quadratic>(&search, job, laps);
+        }
+    }
+}
+
+impl Search<'_> {
+    /// The cells of a brick that a surface may meet; by its plane some more.
+    #[cold]
+    #[inline(never)]
+    fn active_cells<S: Spline>(&self, brick: [i32; 3]) -> u64 {
+        let cells = self.space.cells;
+        let plane = typed!(*self.bricks, b => {
+            let at = lattice::flat(b.dims, brick.map(|b| b as usize));
+            self.planes.get(at).and_then(|p| p.cells(self.level, b.range[at].map(Into::into), self.bounds))
+        });
+        if let Some(mask) = plane {
+            self.rough.store(true, Ordering::Relaxed);
+            return mask & bricks::inside(cells, brick);
+        }
+        macro_rules! by {
+            ($isa:ty) => {
+                bricks::active_cells::<S, $isa>(&self.lattice, cells, brick, self.bounds)
+            };
+        }
+        match self.level {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => by!(vector::Avx512),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => by!(vector::Avx2),
+            _ => by!(vector::Portable),
         }
     }
 }

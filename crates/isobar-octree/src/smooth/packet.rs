@@ -12,15 +12,13 @@
 use super::Job;
 use super::along::{Powers, ROUNDING, along, bernstein, powers, scale};
 use super::basis::{Spline, gradient};
-use super::bricks::active_cells;
 use super::caster::{Search, Work};
 use super::lattice::three;
-use super::vector;
 use crate::bricks::bit;
 use crate::packet::{self, COEFFICIENTS, Done, Drawn, Looked, Packet, Value, applies, reference, values};
+use crate::trilinear::MARGIN;
 use crate::walk::Space;
 use glam::DVec3;
-use isobar_cpu::Level;
 use isobar_cpu::packet::{Cells, Group, LANES, Lanes, One, Place, Projection, RaySet, Rays, Solved, ones};
 use isobar_cpu::scene::Isovalues;
 use isobar_poly::{First, Root, RootKind, Tolerance, all_roots, first_root};
@@ -69,6 +67,28 @@ impl<'a, S: Spline> Tile<'a, S> {
         let relative = scale::<S>() * (p.rays.margin + ROUNDING * 0.5 * f64::EPSILON);
         values(self.search.bounds, scale::<S>(), |size| relative * size)
     }
+
+    /// As [`Self::values`], with bounds that hold for any ray, and for sums of all powers.
+    fn limits(&self) -> Vec<Value> {
+        let relative = scale::<S>() * (MARGIN + 2.0 * ROUNDING * 0.5 * f64::EPSILON);
+        values(self.search.bounds, scale::<S>(), |size| relative * size)
+    }
+}
+
+/// Whether the value in the middle of a cell outweighs all other powers, for every isovalue: nothing meets the cell.
+#[inline(always)]
+fn beyond<L: Lanes>(c: &Powers, limits: &[Value]) -> bool {
+    let mut sum = L::splat(0.0);
+    for plane in c {
+        for half in plane.as_chunks::<LANES>().0 {
+            sum = sum.add(L::load(half).abs());
+        }
+    }
+    let mut all = [0.0; LANES];
+    sum.store(&mut all);
+    let middle = c[0][0];
+    let others = all.iter().sum::<f64>() - middle.abs();
+    limits.iter().all(|v| (middle - v.shift).abs() > others + v.bound)
 }
 
 impl<S: Spline> Drawn for Tile<'_, S> {
@@ -96,6 +116,8 @@ impl<S: Spline> Drawn for Tile<'_, S> {
             search: self.search,
             isovalue: reference(self.search.bounds).isovalue,
             values: self.values(p),
+            limits: self.limits(),
+            brick: (0, 0),
             count,
             looked: 0,
             p,
@@ -249,6 +271,10 @@ pub(super) struct SmoothCells<'c, S> {
     p: &'c mut Packet,
     isovalue: f64,
     values: Vec<Value>,
+    /// The same with bounds that hold for any ray.
+    limits: Vec<Value>,
+    /// The brick in hand, word and bit.
+    brick: (usize, u32),
     count: bool,
     looked: u64,
     kind: PhantomData<S>,
@@ -257,25 +283,6 @@ pub(super) struct SmoothCells<'c, S> {
 impl<S: Spline> Looked for SmoothCells<'_, S> {
     fn looked(&self) -> u64 {
         self.looked
-    }
-}
-
-impl<S: Spline> SmoothCells<'_, S> {
-    /// The active cells of a brick, by the vectors of the level.
-    fn active(&self, brick: [i32; 3], level: Level) -> u64 {
-        let search = self.search;
-        macro_rules! by {
-            ($isa:ty) => {
-                active_cells::<S, $isa>(&search.lattice, search.space.cells, brick, search.bounds)
-            };
-        }
-        match level {
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => by!(vector::Avx512),
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => by!(vector::Avx2),
-            _ => by!(vector::Portable),
-        }
     }
 }
 
@@ -299,12 +306,13 @@ impl<S: Spline> Cells for SmoothCells<'_, S> {
     fn brick(&mut self, brick: [i32; 3]) -> u64 {
         let active = self.search.active;
         let word = active.word_of(three(|a| brick[a] >> 2));
-        active.cells(word, bit(brick), || self.active(brick, self.search.level))
+        self.brick = (word, bit(brick));
+        active.cells(word, bit(brick), || self.search.active_cells::<S>(brick))
     }
 
     #[expect(clippy::needless_range_loop, reason = "coefficients by their degree, unrolled")]
     #[inline(always)]
-    fn cell<L: Lanes>(&mut self, blocks: u32, cell: [i32; 3], _bit: u32) {
+    fn cell<L: Lanes>(&mut self, blocks: u32, cell: [i32; 3], bit: u32) {
         let p = &mut *self.p;
         let near = three(|a| f64::from(cell[a] + i32::from(p.rays.down[a])));
         let far = three(|a| f64::from(cell[a] + i32::from(!p.rays.down[a])));
@@ -322,14 +330,20 @@ impl<S: Spline> Cells for SmoothCells<'_, S> {
             if inside == 0 {
                 continue;
             }
+            if c.is_none() {
+                let made = powers::<S>(&self.search.lattice.doubles::<S>(cell, self.isovalue));
+                if self.search.refine && beyond::<L>(&made, &self.limits) {
+                    let (word, brick) = self.brick;
+                    self.search.active.take_back(word, brick, bit);
+                    return;
+                }
+                c = Some(made);
+            }
             self.looked += u64::from(inside.count_ones());
             if self.count {
                 for l in ones(inside.into()) {
                     p.cells[b][l] += 1;
                 }
-            }
-            if c.is_none() {
-                c = Some(powers::<S>(&self.search.lattice.doubles::<S>(cell, self.isovalue)));
             }
             let Some(c) = &c else { return };
             let speed = three(|a| L::load(&p.rays.speed[a][b]));

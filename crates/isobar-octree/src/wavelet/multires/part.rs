@@ -1,6 +1,6 @@
 //! The bricks of one level, as a lattice that the casters draw.
 
-use crate::bricks::{Active, Bricks, Values, bit};
+use crate::bricks::{Active, Values, bit, ranges};
 
 use crate::smooth::{self, Smooth};
 use crate::trilinear::{self, DrawTile, MARGIN};
@@ -9,6 +9,7 @@ use crate::wavelet::blocks::{Blocks, CHUNK, ChunkSet};
 use crate::wavelet::{Adaptive, Bank, Mirror, Pyramid};
 use glam::DVec3;
 use isobar_core::{Camera, ClipPlane, DataError, Domain, Grid, Samples, View};
+use isobar_cpu::nodes::Ranges;
 use isobar_cpu::packet::Projection;
 use isobar_cpu::scene::Isovalues;
 use isobar_cpu::{Level, TILE, Tile, TileOut};
@@ -37,7 +38,7 @@ pub(super) struct Part {
 /// The lattice as the caster of its degree has it.
 #[derive(Debug)]
 enum Caster {
-    Linear { bricks: Bricks<f32>, space: Box<Space> },
+    Linear { bricks: Ranges<f32>, space: Box<Space> },
     Smooth(Box<Smooth>),
 }
 
@@ -96,7 +97,7 @@ impl Part {
             (Samples::F32(samples), Kind::Trilinear) => {
                 grid.require_finite()?;
                 Caster::Linear {
-                    bricks: Bricks::new(samples, grid.dims),
+                    bricks: ranges(samples, grid.dims),
                     space: Box::new(Space::new(grid.domain())),
                 }
             }
@@ -123,12 +124,12 @@ impl Part {
         let (caster, left) = match &self.caster {
             Caster::Linear { bricks, .. } => {
                 let bounds: Vec<_> = isovalues.iter().map(|&c| Bounds::new(c, MARGIN, bricks.whole())).collect();
-                let mut active = Active::new(bricks, &bounds);
+                let mut active = Active::new(bricks, &bounds, usize::MAX, None);
                 let left = retain(&mut active, keep);
                 (PreparedCaster::Linear { bounds, active }, left)
             }
             Caster::Smooth(s) => {
-                let prepared = s.prepare(isovalues);
+                let prepared = s.prepare(isovalues, None);
                 let left = prepared.retain(keep);
                 (PreparedCaster::Smooth(prepared), left)
             }
@@ -257,18 +258,18 @@ fn kind_of_grid(caster: &Caster) -> Kind {
 
 /// As [`smooth::Prepared::retain`], for degree 1.
 fn retain(active: &mut Active, keep: impl Fn([usize; 3]) -> bool) -> Vec<[usize; 3]> {
-    let [nx, ny, nz] = active.dims.map(|n| 4 * n);
+    let [nx, ny, nz] = active.nodes.dims.map(|n| 4 * n);
     let mut left = Vec::new();
     for brick in (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / (nx * ny)]) {
         let at = brick.map(|b| b as i32);
-        let word = active.word_of(at.map(|b| b >> 2));
-        if active.words[word] >> bit(at) & 1 == 0 {
+        let word = active.nodes.word_of(at.map(|b| b >> 2));
+        if active.nodes.words[word] >> bit(at) & 1 == 0 {
             continue;
         }
         if keep(brick) {
             left.push(brick);
         } else {
-            active.words[word] &= !(1 << bit(at));
+            active.nodes.words[word] &= !(1 << bit(at));
         }
     }
     left
