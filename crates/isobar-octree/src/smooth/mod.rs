@@ -304,9 +304,14 @@ impl Search<'_> {
             self.rough.store(true, Ordering::Relaxed);
             return mask & bricks::inside(cells, brick);
         }
+        self.bounded_cells::<S>(brick)
+    }
+
+    /// The same by the coefficients of its cells, whatever its plane.
+    fn bounded_cells<S: Spline>(&self, brick: [i32; 3]) -> u64 {
         macro_rules! by {
             ($isa:ty) => {
-                bricks::active_cells::<S, $isa>(&self.lattice, cells, brick, self.bounds)
+                bricks::active_cells::<S, $isa>(&self.lattice, self.space.cells, brick, self.bounds)
             };
         }
         match self.level {
