@@ -190,6 +190,20 @@ pub fn list(folder: &Path, make: bool) -> Result<bool> {
     Ok(ok)
 }
 
+/// Makes those of the generated files that are wanted and not there: `wanted` is asked for the path from `bench-data`. Tells `say` what takes long.
+///
+/// # Errors
+/// As [`generate`].
+pub fn make(folder: &Path, wanted: &dyn Fn(&str) -> bool, say: &dyn Fn(&str)) -> Result<()> {
+    for g in &manifest(folder)?.generated {
+        if wanted(g.path()) && !folder.join(g.path()).is_file() {
+            say(g.path());
+            generate(folder, g)?;
+        }
+    }
+    Ok(())
+}
+
 /// Makes one generated file; written to a temporary name first.
 ///
 /// # Errors

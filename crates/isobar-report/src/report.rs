@@ -68,6 +68,9 @@ pub fn run(o: &Options) -> Result<Done> {
         command: o.command.clone(),
         ..Report::default()
     };
+    let named = |path: &str| steinberger::DATA == path || all.iter().any(|d| d.data.strip_prefix("bench-data/") == Some(path));
+    let say = |what: &str| bar.set_message(what.to_owned());
+    data::make(&o.root.join("bench-data"), &named, &say)?;
     for d in &all {
         bar.set_message(d.id.clone());
         r.scenes.push(kept.scene(d, || one(d, o, &methods, &settings))?);
@@ -80,7 +83,6 @@ pub fn run(o: &Options) -> Result<Done> {
     for f in FIELDS {
         r.convergence.extend(convergence::measure(f)?);
     }
-    let say = |what: &str| bar.set_message(what.to_owned());
     r.steinberger = steinberger::measure(&o.root.join("bench-data"), &settings.stage, &say)?;
     bar.finish_and_clear();
     r.benches = o

@@ -144,6 +144,9 @@ impl Random {
     }
 }
 
+/// The distance field of Table 6.4 and of most figures, from `bench-data`.
+pub const DATA: &str = "cache/dragon_128.nrrd";
+
 /// Measures the tables and draws the figures. `data` is the folder `bench-data`; pictures go to `stage`, the folder the page is put together in; `say` is told
 /// what is in hand.
 ///
@@ -154,7 +157,7 @@ pub fn measure(data: &Path, stage: &Path, say: &dyn Fn(&str)) -> Result<Steinber
     let mut out = kernels(&data.join("definitions/hard/cases"))?;
     let start = Instant::now();
     out.surfaces = stages::measure()?;
-    let field = levels::Field::load(&data.join("cache/dragon_128.nrrd"))?;
+    let field = levels::Field::load(&data.join(DATA))?;
     let rows = field.as_ref().map_or(Ok(Vec::new()), levels::Field::rows)?;
     out.levels = levels::table(&rows);
     out.gains = gains::measure()?;

@@ -3,7 +3,7 @@
 use super::{Album, Figures, Shown, Table, VERDICT, load, verify};
 use anyhow::{Context, Result, bail};
 use isobar_core::{Channels, Data, Grid, View};
-use isobar_fields::Kind;
+use isobar_fields::{Kind, Synthetic};
 use isobar_octree::blocks::BlockClass;
 use isobar_octree::comparators::texture::{Angles, FRACTION_BITS};
 use isobar_octree::figures::classes::Classes;
@@ -17,7 +17,7 @@ use std::sync::Arc;
 /// A volume of a figure: where it is and what is drawn of it.
 #[derive(Debug, Clone, Copy)]
 pub struct Volume {
-    /// Path from `bench-data`.
+    /// Path from `bench-data`, or a synthetic field with its samples.
     pub file: &'static str,
     /// Data units.
     pub isovalue: f64,
@@ -31,6 +31,9 @@ impl Volume {
     /// # Errors
     /// When it cannot be read or holds no grid.
     fn open(&self, data: &Path) -> Result<Option<Arc<Data>>> {
+        if let Some(spec) = self.file.strip_prefix("synthetic:") {
+            return Ok(Some(Arc::new(spec.parse::<Synthetic>()?.data()?)));
+        }
         Ok(load(&data.join(self.file))?.map(|g| Arc::new(Data::Grid(g))))
     }
 }
@@ -143,7 +146,7 @@ pub const VOLUMES: [Volume; 4] = [
         title: "a head by magnetic resonance, 181×217×181, at 30.5",
     },
     Volume {
-        file: "cache/gyroid_512.nrrd",
+        file: "synthetic:gyroid,n=512",
         isovalue: 0.2,
         title: "the gyroid, 512³, at 0.2",
     },
