@@ -45,7 +45,7 @@ fn absent_data_give_no_figure() {
     volumes::blocks(&empty, album, &mut out).unwrap();
     volumes::closeup(&empty, [32, 24], album, &mut out).unwrap();
     detail::parts(&empty, album, &mut out).unwrap();
-    for v in &volumes::VOLUMES {
+    for v in volumes::VOLUMES.iter().filter(|v| !v.file.starts_with("synthetic:")) {
         volumes::degrees(&empty, "6.2", v, [32, 24], album, &mut out).unwrap();
     }
     assert_eq!(out, Figures::default());
